@@ -13,6 +13,7 @@ import jax
 import numpy as np
 import pytest
 import small_archive
+from scipy.linalg import block_diag
 
 from ftbias_jax.model.kinematics.screws import Arm, make_arm
 from ftbias_jax.model.params import BiasNoise, JointNoise, Params
@@ -94,22 +95,35 @@ class LinearGaussian(NamedTuple):
             kept.append((x, P))
         return tuple(np.stack(part) for part in zip(*kept, strict=True))
 
-    def log_density(self, y: Array) -> float:
-        """Log density of a whole log, from the one normal distribution of all its measurements together."""
-        steps = len(y)
-        means, blocks = [], [[None] * steps for _ in range(steps)]
+    def together(self, y: Array) -> tuple[Array, ...]:
+        """Of the one normal distribution of all states: mean, covariance, C, y - C mean, and covariance of that."""
+        steps, k = len(y), len(self.mean)
+        means, blocks = [], np.empty((steps, k, steps, k))
         mean, covariance = self.mean, self.covariance
         for i in range(steps):
             mean, covariance = self.A[i] @ mean, self.A[i] @ covariance @ self.A[i].T + self.Q[i]
-            means.append(self.C @ mean)
+            means.append(mean)
             ahead = covariance
             for j in range(i, steps):
-                ahead = ahead if j == i else ahead @ self.A[j].T
-                blocks[i][j] = self.C @ ahead @ self.C.T + (self.R[i] if i == j else 0)
-                blocks[j][i] = blocks[i][j].T
-        seen = np.isfinite(y.ravel())
-        residual, S = (y.ravel() - np.concatenate(means))[seen], np.block(blocks)[np.ix_(seen, seen)]
+                ahead = ahead if j == i else self.A[j] @ ahead
+                blocks[j, :, i], blocks[i, :, j] = ahead, ahead.T
+        mean, covariance, seen = np.concatenate(means), blocks.reshape(steps * k, -1), np.isfinite(y.ravel())
+        C = np.kron(np.eye(steps), self.C)[seen]
+        S = C @ covariance @ C.T + block_diag(*self.R)[np.ix_(seen, seen)]
+        return mean, covariance, C, y.ravel()[seen] - C @ mean, S
+
+    def log_density(self, y: Array) -> float:
+        """Log density of a whole log."""
+        *_, residual, S = self.together(y)
         return -(residual @ np.linalg.solve(S, residual) + np.linalg.slogdet(2 * np.pi * S)[1]) / 2
+
+    def smoothed(self, y: Array) -> tuple[Array, Array]:
+        """Means (T, k) and covariances (T, k, k) given the whole log."""
+        mean, covariance, C, residual, S = self.together(y)
+        gain = np.linalg.solve(S, C @ covariance).T
+        kept = (covariance - gain @ C @ covariance).reshape(len(y), len(self.mean), len(y), -1)
+        i = np.arange(len(y))
+        return (mean + gain @ residual).reshape(len(y), -1), kept[i, :, i]
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,7 @@
 """Recordings of ROS for the tests, written by the package rosbags, which shares no code with the readers."""
 
 import sqlite3
+import struct
 from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
@@ -153,6 +154,16 @@ def forget_definitions(path: Path) -> None:
     with closing(sqlite3.connect(path)) as database:
         database.execute("DROP TABLE message_definitions")
         database.commit()
+
+
+def bag_of(*records):
+    """A ROS 1 bag of (header fields, data), as bytes."""
+    return b"#ROSBAG V2.0\n" + b"".join(bag_record(*record) for record in records)
+
+
+def bag_record(fields, data):
+    header = b"".join(struct.pack("<I", len(field)) + field for field in fields)
+    return struct.pack("<I", len(header)) + header + struct.pack("<I", len(data)) + data
 
 
 def _filled(store, name, fields, header):

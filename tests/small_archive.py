@@ -28,6 +28,13 @@ process_noise_density = 5
 """
 
 
+def named(setup=SETUP, names=("base", "elbow")):
+    """The setup with names of the joints: those of the tests' recordings."""
+    for axis, name in zip(("axis = [0, 0, 1]", "axis = [0, 1, 0]"), names, strict=True):
+        setup = setup.replace(axis, f'{axis}\nname = "{name}"')
+    return setup
+
+
 def write_log(path, seed=0, samples=300):
     rng = np.random.default_rng(seed)
     t = np.arange(samples) * 0.01

@@ -150,16 +150,6 @@ def test_no_page_loads_anything_from_outside_the_folder(site):
         assert outside(sheet, styled(re.sub(r"/\*.*?\*/", "", sheet.read_text(), flags=re.S)), site) == [], sheet
 
 
-def test_loading_from_outside_is_noticed(site):
-    page = site / "tutorial.html"
-    text = '<img src="https://host.example/x.png"><script src="//host.example/x.js"></script><link href="/x.css">'
-    addresses = Loaded(
-        f'{text}<img src="gone.png"><p style="background: url(../x.png)"><img src="assets/report.png">'
-    ).addresses
-    assert outside(page, addresses, site) == addresses[:-1]
-    assert len(addresses) == 6
-
-
 def test_formulas_are_typeset(site):
     formulas = sum((page.read_text().count("$$") for page in PAGES.rglob("*.md")), 0) // 2
     pages = {page: page.read_text() for page in site.rglob("*.html")}

@@ -97,13 +97,6 @@ def test_no_argument_section_is_lost_on_the_parser(package):
     assert lost == []
 
 
-def test_a_wrong_argument_name_is_found():
-    source = 'def turn(angle):\n    """Turn.\n\n    Args:\n        angel: rad.\n    """\n'
-    function = griffe.visit("sample", filepath=Path("sample.py"), code=source)["turn"]
-    assert told(function) == ["angel"]
-    assert parameters(function) == ["angle"]
-
-
 def test_public_functions_with_arrays_tell_shapes_and_units(package):
     functions = list(public(package))
     assert len(functions) > 20

@@ -144,13 +144,6 @@ def test_bias_and_sensor_noise_from_starts_wrong_by_thirty_either_way(truth):
     assert high.joint is truth.joint
 
 
-@pytest.mark.parametrize(
-    ("tie", "lanes"), [("one", [0, 0, 0, 0, 0, 0]), ("pair", [0, 0, 0, 1, 1, 1]), ("each", [0, 1, 2, 3, 4, 5])]
-)
-def test_ties(tie, lanes):
-    np.testing.assert_array_equal(TIES[tie](6), lanes)
-
-
 @pytest.mark.slow
 def test_many_logs_are_worked_through_in_parts(truth, monkeypatch):
     """Three logs of unequal length, two at a time, one place left empty, give what all at once give."""
@@ -204,63 +197,6 @@ def test_tied_values_are_best_together(still, tie, free):
         off = 0.02 * np.stack([TIES[tie](6) == group, np.zeros(6)])
         low, here, high = (float(score(jnp.asarray(best + k * off), still).sum()) for k in (-1, 0, 1))
         assert max(low, high) < here
-
-
-def expectation_maximisation(params, whole):
-    """One step of EM (Shumway and Stoffer 1982) for sigma_Q and Sigma_W of each axis, textbook matrices."""
-    dt, y = np.asarray(whole.samples.dt[0]), -np.asarray(whole.samples.wrench[0])
-    densities, variances = [], []
-    for axis in range(6):
-        q, r = float(params.bias.density[axis]), float(params.bias.wrench_variance[axis])
-        A = np.stack([np.array([[1, h], [0, 1]]) for h in dt])
-        unit = np.stack([np.array([[h**3 / 3, h**2 / 2], [h**2 / 2, h]]) for h in dt])
-        x = np.asarray(params.bias.prior_mean).reshape(2, 6)[:, axis]
-        P = np.diag(np.asarray(params.bias.prior_std).reshape(2, 6)[:, axis] ** 2)
-        filtered = []
-        for i in range(len(dt)):
-            x, P = A[i] @ x, A[i] @ P @ A[i].T + q**2 * unit[i]
-            if np.isfinite(y[i, axis]):
-                K = P[:, 0] / (P[0, 0] + r)
-                x, P = x + K * (y[i, axis] - x[0]), P - np.outer(K, P[0])
-            filtered.append((x, P))
-        shocks, noise = [], []
-        for i in reversed(range(len(dt))):
-            if np.isfinite(y[i, axis]):
-                noise.append((y[i, axis] - x[0]) ** 2 + P[0, 0])
-            if i == 0:
-                break
-            before, spread = filtered[i - 1]
-            G = spread @ A[i].T @ np.linalg.inv(A[i] @ spread @ A[i].T + q**2 * unit[i])
-            past = before + G @ (x - A[i] @ before)
-            P_past = spread + G @ (P - A[i] @ spread @ A[i].T - q**2 * unit[i]) @ G.T
-            shock, crossed = x - A[i] @ past, P @ G.T @ A[i].T
-            second = np.outer(shock, shock) + P + A[i] @ P_past @ A[i].T - crossed - crossed.T
-            shocks.append(np.trace(np.linalg.solve(unit[i], second)) / 2)
-            x, P = past, P_past
-        densities.append(np.sqrt(np.mean(shocks)))
-        variances.append(np.mean(noise))
-    return {"density": jnp.array(densities), "wrench_std": jnp.sqrt(jnp.array(variances))}
-
-
-def test_expectation_maximisation_stays_at_the_optimum(still):
-    """A second way to the maximum: where Newton's iterations end, EM does not move; from elsewhere it climbs there."""
-    params, whole = still
-    tuned, _ = tune.fit_wrench(params, [still], ALL_WRENCH_NOISE, burn_in=0.0)
-    score = WrenchScore(ROWS, 0.0)
-
-    def moved_by_em(params):
-        after = expectation_maximisation(params, whole)
-        before = {"density": params.bias.density, "wrench_std": jnp.sqrt(params.bias.wrench_variance)}
-        rows = (jnp.log(jnp.stack([noise[name] for name in WRENCH_NAMES])) for noise in (before, after))
-        old, new = (np.asarray(row) for row in rows)
-        return new - old, np.asarray(score(jnp.asarray(new), still) - score(jnp.asarray(old), still))
-
-    step, _ = moved_by_em(tuned)
-    np.testing.assert_allclose(step, 0, atol=2e-6)
-    apart = tuned._replace(bias=tuned.bias._replace(density=1.2 * tuned.bias.density))
-    step, gain = moved_by_em(apart)
-    assert (step[0] < -1e-4).all()
-    assert (gain > 0).all()
 
 
 def check_recovery(error, in_sigmas):

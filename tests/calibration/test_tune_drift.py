@@ -30,13 +30,10 @@ def chosen(logs, slow=SLOW, fitted=STATED, group=EACH):
     return choose_drift(logs, slow, Drift(STATED, NEVER), fitted, group)
 
 
-def test_a_right_drift_stays():
+def test_a_right_drift_stays_and_a_much_stronger_one_is_found():
     found = chosen([drifting(np.random.default_rng(0), STATED)])
     assert (found.density == STATED).sum() >= 5
     assert np.isinf(found.time[found.density == STATED]).all()
-
-
-def test_a_much_stronger_drift_is_found():
     found = chosen([drifting(np.random.default_rng(1), 30 * STATED)], fitted=30 * STATED)
     assert (found.density > 5 * STATED).all()
 

@@ -200,21 +200,6 @@ def test_a_sensor_that_was_zeroed_with_its_tool_needs_a_word_in_the_setup():
     assert checked(tables, arrays).ok
 
 
-def test_a_sensor_that_is_zeroed_while_it_records_is_told_with_the_time():
-    tables, arrays = right_log(seed=9)
-    arrays["wrench"][1500:] -= arrays["wrench"][1500]
-    found = checked(tables, arrays)
-    assert names(found) == ["rezeroed"]
-    assert found.findings[0].evidence["times"] == pytest.approx([15.0], abs=0.2)
-
-
-def test_every_tare_is_told_when_there_are_several():
-    tables, arrays = right_log(seed=12)
-    for row in (800, 2000):
-        arrays["wrench"][row:] -= arrays["wrench"][row]
-    assert checked(tables, arrays).findings[0].evidence["times"] == pytest.approx([8.0, 20.0], abs=0.2)
-
-
 def pushed(arrays, share):
     """A robot that is pushed, this way and that, for a share of the log in its middle."""
     rng = np.random.default_rng(0)
@@ -228,14 +213,9 @@ def pushed(arrays, share):
 def test_a_mistake_is_named_though_the_robot_is_pushed_for_most_of_the_log(mistake):
     tables, arrays = right_log(seed=3)
     pushed(arrays, 0.55)
+    assert checked(tables, arrays).ok
     CHANGES[mistake][0](tables, arrays)
     assert names(checked(tables, arrays))[0] == mistake
-
-
-def test_a_right_setup_is_not_suspected_though_the_robot_is_pushed_for_most_of_the_log():
-    tables, arrays = right_log(seed=3)
-    pushed(arrays, 0.55)
-    assert checked(tables, arrays).ok
 
 
 def test_findings_are_written_as_the_formats_say(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 import small_checks
 
 import ftbias_jax as ft
-from ftbias_jax.check.motion import arm_motion, body_motion, data_matrices, skew
+from ftbias_jax.check.motion import arm_motion, body_motion, data_matrices
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.recorded_pose import motion_of as motion_of_model
 from ftbias_jax.model.params import params_from_setup
@@ -63,8 +63,3 @@ def test_a_position_in_the_axes_of_the_body_is_turned_into_the_base(setup):
     motion = body_motion(setup.sensor, np.zeros(3), q, dq, ddq, in_body=True)
     inwards = -0.5 * rate**2 * np.stack([np.cos(rate * t), np.sin(rate * t), zero], 1)
     np.testing.assert_allclose(motion.acceleration, inwards, atol=1e-12)
-
-
-def test_skew_is_the_cross_product():
-    x, y = np.random.default_rng(2).normal(size=(2, 4, 3))
-    np.testing.assert_allclose(np.einsum("nij,nj->ni", skew(x), y), np.cross(x, y))

@@ -24,12 +24,9 @@ def test_the_tool_is_the_one_that_the_log_shows(sign):
     np.testing.assert_allclose(tool.center_of_mass, made.CENTER, atol=5e-3)
 
 
-def test_a_right_setup_without_a_tool_has_no_mistake():
+def test_a_wrong_sign_is_found_without_a_tool():
     setup, log = case()
     assert check_setup(setup, [log]).ok
-
-
-def test_a_wrong_sign_is_found_without_a_tool():
     setup, log = case(sign=-1.0)
     found = check_setup(setup, [log])
     assert [finding.mistake for finding in found.findings] == ["sign"]

@@ -84,11 +84,8 @@ def test_an_effect_in_order_passes(effect):
     assert check_effects([effect]) == []
 
 
-def test_what_is_no_effect_is_told():
+def test_what_is_no_effect_and_two_of_one_name_are_told():
     assert check_effects(["hose"]) == ["expected an Effect, got str"]
-
-
-def test_two_effects_of_one_name_are_told():
     one = entry(lambda v, s, w: w + v["size"])
     assert check_effects([one, one._replace()]) == ["effect 'own': the name is taken; choose another one"]
 

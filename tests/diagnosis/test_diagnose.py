@@ -8,11 +8,10 @@ import pytest
 
 from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.evidence.estimates import FORM_ERROR
-from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis
+from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.diagnosis.regression.coordinates import layout
 from ftbias_jax.diagnosis.regression.fit import base, fit
-from ftbias_jax.diagnosis.regression.series import shaped_events
 
 
 @pytest.mark.slow
@@ -113,23 +112,6 @@ def test_a_log_that_is_touched_all_along_shows_nothing_else(setup, record):
     assert (found.verdict, found.causes, found.terms) == ("unknown", (), ())
     assert found.sentence.startswith("Something touches the tool from 0 to 20.0 s: no free motion")
     assert len(found.sentence.split()) <= 40
-
-
-def test_coordinates_are_a_partition():
-    """Every coordinate belongs to exactly one effect."""
-    whole = layout(7)
-    places = np.concatenate([whole.of_effect(effect) for effect in {effect for effect, _ in whole.slices}])
-    np.testing.assert_array_equal(np.sort(places), np.arange(whole.size))
-
-
-@pytest.mark.slow
-def test_a_contact_of_any_shape_ends(setup, record):
-    """Its series vanish outside the events, and every channel has its own."""
-    problem, _ = make_problem(setup, [record(None)])
-    t = problem.t
-    shapes = shaped_events(problem, "contact", [Event(0, 2.0, 3.0), Event(0, 6.0, 6.5)], 8).shapes
-    inside = ((t >= 2) & (t < 3)) | ((t >= 6) & (t < 6.5))
-    assert all((shape[~inside] == 0).all() and shape.max() > 0.8 for shape in shapes)
 
 
 @pytest.mark.slow

@@ -48,14 +48,6 @@ def test_an_entry_that_is_handed_in_is_fitted_and_searched_as_before(name, hand_
         np.testing.assert_equal(mine, its)
 
 
-@pytest.mark.parametrize("name", list(CATALOGUE))
-def test_it_acts_next_to_others_of_its_stage(name, hand_in):
-    stage, catalogue = CATALOGUE[name].stage, hand_in(name)
-    place = list(catalogue).index(name)
-    beside = list(catalogue.values())[max(place - 1, 0) : place + 2]
-    assert [effect.stage for effect in beside].count(stage) > 1
-
-
 def _coordinates(name, catalogue):
     """Of each parameter of an effect: name, bounds of its coordinates, and which are fitted, counted from the first."""
     whole = layout(JOINTS, catalogue)

@@ -34,27 +34,3 @@ def names_in(source):
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOM)))
 def test_no_effect_is_known_by_name(path):
     assert not set(names_in(path.read_text()))
-
-
-@pytest.mark.parametrize(
-    "source",
-    [
-        'if h.effect == "cable": pass',
-        "found.saturation.detected",
-        "bias._replace(vibration=None)",
-        "from room import contact",
-        'FORM = {"low_pass": 0.15}',
-        'text = "or it is tool_mass"',
-        "def warmup(): pass",
-        'match name:\n    case "gain": pass',
-    ],
-)
-def test_a_name_would_be_seen(source):
-    assert set(names_in(source))
-
-
-@pytest.mark.parametrize(
-    "source", ['"""A cable."""', "x = 1  # of a cable", 'text = "a hanging cable"', "gain = 3.0", 'words = "tools"']
-)
-def test_english_is_no_name(source):
-    assert not set(names_in(source))

@@ -11,7 +11,7 @@ import time
 
 import pytest
 import recordings
-from small_archive import SETUP, assert_same_outputs, filter_archive, manifest, outputs, write_log
+from small_archive import assert_same_outputs, filter_archive, manifest, named, outputs, write_log
 
 import ftbias_jax
 from ftbias_jax import files
@@ -138,8 +138,7 @@ def test_a_cut_bag_is_refused_or_salvaged_with_its_loss_told(tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     path = recordings.write(tmp_path, "ros1", recordings.messages(recordings.arrays(3000)))
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    setup = SETUP.replace("axis = [0, 0, 1]", 'axis = [0, 0, 1]\nname = "base"')
-    (tmp_path / "setup.toml").write_text(setup.replace("axis = [0, 1, 0]", 'axis = [0, 1, 0]\nname = "elbow"'))
+    (tmp_path / "setup.toml").write_text(named())
     command = ["filter", path.name, "--setup", "setup.toml", "-o", "out.npz"]
     assert main(command) == 1
     assert "(--salvage reads what is whole)" in capsys.readouterr().err

@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import recordings
+from recordings import bag_of, bag_record
 
 from ftbias_jax.cli.main import main
 from ftbias_jax.errors import LogError, OutputError, SetupError
@@ -25,10 +26,8 @@ from ftbias_jax.io.outputs import check_writable
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.recorded import LogSetup
 
-FORMATS = ["npz", "csv", "parquet", "h5", "bag", "db3", "mcap"]
 COLUMNS = ["t", "q0", "q1", "fx", "fy", "fz", "tx", "ty", "tz"]
 GIGABYTE = 1 << 30
-every_format = pytest.mark.parametrize("suffix", FORMATS)
 
 
 @pytest.fixture
@@ -48,31 +47,28 @@ def refused(setup):
     return run
 
 
-@every_format
-def test_a_fifo_as_a_log_is_not_waited_for(tmp_path, refused, suffix):
-    os.mkfifo(tmp_path / f"log.{suffix}")
-    refused(tmp_path / f"log.{suffix}", "is a FIFO")
-
-
-@every_format
-def test_a_device_as_a_log_is_not_read_for_ever(tmp_path, refused, suffix):
-    (tmp_path / f"log.{suffix}").symlink_to("/dev/zero")
-    refused(tmp_path / f"log.{suffix}", "is a device")
-
-
-@every_format
-def test_links_that_lead_in_a_circle(tmp_path, refused, suffix):
-    (tmp_path / f"log.{suffix}").symlink_to(f"log.{suffix}")
-    refused(tmp_path / f"log.{suffix}", "symbolic links")
-
-
-@every_format
-def test_a_hole_of_many_gigabytes_is_not_read(tmp_path, refused, suffix):
-    starts = {"csv": ",".join(COLUMNS).encode() + b"\n0,1,2,3,4,5,6,7,8\n", "bag": b"#ROSBAG V2.0\n"}
-    with open(tmp_path / f"log.{suffix}", "wb") as file:
-        file.write(starts.get(suffix, b"x"))
+def hole(path):
+    """Of many gigabytes, behind what a file of this kind begins with."""
+    starts = {".csv": ",".join(COLUMNS).encode() + b"\n0,1,2,3,4,5,6,7,8\n", ".bag": b"#ROSBAG V2.0\n"}
+    with open(path, "wb") as file:
+        file.write(starts.get(path.suffix, b"x"))
         file.truncate(40 * GIGABYTE)
-    refused(tmp_path / f"log.{suffix}", r"has 42949672960 bytes, of which \d+ are stored: the rest is a hole")
+
+
+NO_FILES = {
+    "a FIFO that would be waited for": (os.mkfifo, "is a FIFO"),
+    "a device without an end": (lambda path: path.symlink_to("/dev/zero"), "is a device"),
+    "a circle of links": (lambda path: path.symlink_to(path.name), "symbolic links"),
+    "a hole": (hole, r"has 42949672960 bytes, of which \d+ are stored: the rest is a hole"),
+}
+
+
+@pytest.mark.parametrize("what", NO_FILES)
+@pytest.mark.parametrize("suffix", ["npz", "csv", "parquet", "h5", "bag", "db3", "mcap"])
+def test_a_log_that_is_no_file_of_data_is_refused_soon(tmp_path, refused, suffix, what):
+    make, words = NO_FILES[what]
+    make(tmp_path / f"log.{suffix}")
+    refused(tmp_path / f"log.{suffix}", words)
 
 
 @pytest.mark.parametrize("kind", ["fifo", "device", "folder", "circle"])
@@ -169,16 +165,6 @@ def test_an_hdf5_chunk_that_unpacks_to_more_than_its_shape(tmp_path, refused):
 def test_an_hdf5_chunk_of_gigabytes(tmp_path, refused):
     path = hdf5_with(tmp_path / "log.h5", GIGABYTE // 8, zlib.compress(bytes(1 << 20)))
     refused(path, "q: has chunks of 2147483648 bytes")
-
-
-def bag_of(*records):
-    content = b"#ROSBAG V2.0\n"
-    return content + b"".join(map(bag_record, *zip(*records, strict=True)))
-
-
-def bag_record(fields, data):
-    header = b"".join(struct.pack("<I", len(field)) + field for field in fields)
-    return struct.pack("<I", len(header)) + header + struct.pack("<I", len(data)) + data
 
 
 def bag_chunk(compression, packed, size):

@@ -9,34 +9,18 @@ import re
 import shlex
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
+import two_joints
 
 import validation.__main__
 from ftbias_jax.cli.main import main
 from ftbias_jax.io import read_log
 from ftbias_jax.io.write import npz
-from ftbias_jax.model import simulate
-from ftbias_jax.model.params import params_from_setup
-from ftbias_jax.model.simulate import Trajectory
 from ftbias_jax.setup import dump_setup, load_setup, parse_setup
 
 RATE, SECONDS = 100, 20
-SETUP = {
-    "robot": {
-        "joints": [
-            {"axis": [0, 1, 0], "point": [0, 0, 0.3], "name": "pitch"},
-            {"axis": [1, 0, 0], "point": [0, 0, 0.8], "name": "roll"},
-        ],
-        "flange": {"translation": [0, 0, 1]},
-    },
-    "sensor": {"noise_std": [0.1, 0.1, 0.1, 0.004, 0.004, 0.004]},
-    "tool": {"mass": 0.7, "center_of_mass": [0.01, 0, 0.06]},
-    "bias": {"noise_density": [0.05, 2e-3]},
-    "joints": {"process_noise_density": 1.0, "position_noise_std": 1e-4, "velocity_noise_std": 1e-3},
-}
+SETUP = {**two_joints.SETUP, "bias": {"noise_density": [0.05, 2e-3]}}
 FROZEN = slice(5 * RATE, 9 * RATE)
 WITHIN = {"clipped": 12}
 """Standard errors by which an answer may be off: near a limit the upper half of the noise is lost; 4 otherwise."""
@@ -95,13 +79,7 @@ every_fault = pytest.mark.parametrize("name", FAULTS)
 
 @pytest.fixture(scope="module")
 def simulated():
-    t = np.arange(RATE * SECONDS) / RATE
-    speed = np.array([0.9, 1.3])
-    phase = t[:, None] * speed + [0, 1]
-    motion = (0.5 * np.sin(phase), 0.5 * speed * np.cos(phase), -0.5 * speed**2 * np.sin(phase))
-    trajectory = Trajectory(*map(jnp.asarray, (t, *motion)))
-    truth = simulate.simulate(jax.random.key(0), params_from_setup(parse_setup(SETUP)), trajectory)
-    return {name: np.array(getattr(truth, name)) for name in ("t", "q", "dq", "wrench")}
+    return two_joints.simulated(SETUP, RATE, SECONDS)[0]
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 import recordings
-from recordings import START, Joints, Wrench
+from recordings import START, Joints, Wrench, bag_of
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
@@ -137,22 +137,13 @@ def test_mcap_by_its_makers_is_the_same_log(tmp_path, setup):
     np.testing.assert_array_equal(log.q[::2], recordings.arrays()["q"])
 
 
-def bag(*records):
-    """A ROS 1 bag of (header fields, data)."""
-    content = b"#ROSBAG V2.0\n"
-    for fields, data in records:
-        header = b"".join(struct.pack("<I", len(f)) + f for f in fields)
-        content += struct.pack("<I", len(header)) + header + struct.pack("<I", len(data)) + data
-    return content
-
-
 def test_lengths_of_gigabytes_take_no_memory(tmp_path, setup):
     path = tmp_path / "log.bag"
     for content in (
         b"#ROSBAG V2.0\n" + b"\xff" * 4,
-        bag(([b"op=\x05", b"compression=none", b"size=\xff\xff\xff\xff"], b"")),
-        bag(([b"op=\x05", b"compression=bz2", b"size=\xff\xff\xff\xff"], bz2.compress(b""))),
-        bag(([b"op=\x02"], b""))[:-4] + b"\xff" * 4,
+        bag_of(([b"op=\x05", b"compression=none", b"size=\xff\xff\xff\xff"], b"")),
+        bag_of(([b"op=\x05", b"compression=bz2", b"size=\xff\xff\xff\xff"], bz2.compress(b""))),
+        bag_of(([b"op=\x02"], b""))[:-4] + b"\xff" * 4,
         b"\x89MCAP0\r\n\x05" + b"\xff" * 8,
         b"\x89MCAP0\r\n\x06" + struct.pack("<QQQQIIQ", 40, 0, 0, 2**60, 0, 0, 0),
         b"\x89MCAP0\r\n\x04" + struct.pack("<QHHI", 8, 1, 0, 2**32 - 1),
@@ -164,15 +155,6 @@ def test_lengths_of_gigabytes_take_no_memory(tmp_path, setup):
         with pytest.raises(LogError):
             read_log(path, setup, salvage=True)
         assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1 << 16  # KiB
-
-
-def test_bombs_are_refused_by_what_they_declare(tmp_path, setup, monkeypatch):
-    monkeypatch.setattr(record, "SMALL_RECORDING", 1 << 16)
-    packed = bz2.compress(bytes(50 << 20))
-    path = tmp_path / "log.bag"
-    path.write_bytes(bag(([b"op=\x05", b"compression=bz2", b"size=" + struct.pack("<I", 50 << 20)], packed)))
-    with pytest.raises(LogError, match="looks like a decompression bomb"):
-        read_log(path, setup)
 
 
 @pytest.mark.parametrize("compression", ["bz2", "lz4", "zstd"])

@@ -1,14 +1,11 @@
 """What a diagnosis must survive: no wrench, standard errors that nobody knows, values that no setup can state."""
 
-import json
-import sys
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from small_fits import small_fit
 
-from ftbias_jax.cli.main import main
 from ftbias_jax.diagnosis.diagnose import _typed_errors, diagnose
 from ftbias_jax.diagnosis.evidence import estimates
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
@@ -58,45 +55,3 @@ def test_a_covariance_that_is_no_number_leaves_the_standard_error_unknown(monkey
 def test_equations_without_a_solution_end_in_an_error_of_ours():
     with pytest.raises(LogError, match="the log is no basis for a diagnosis: Singular matrix"), _typed_errors():
         np.linalg.inv(np.zeros((2, 2)))
-
-
-@pytest.fixture
-def diagnosed(tmp_path, monkeypatch, make_diagnosis, make_candidate, capsys):
-    """Runs ``diagnose --apply`` on a log of which these causes are found."""
-    (tmp_path / "setup.toml").write_text(
-        '[robot]\nmodel = "panda"\n[sensor]\nnoise_std = [0.1, 0.004]\n[tool]\nmass = 0.7\n'
-        "center_of_mass = [0, 0, 0.06]\n"
-    )
-    np.savez(tmp_path / "log.npz", t=0.01 * np.arange(50), q=np.zeros((50, 7)), wrench=np.ones((50, 6)))
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("ftbias_jax.runtime.jax_config.prepare_jax", lambda: None)
-
-    def run(*parameters):
-        causes = tuple(make_candidate(name, parameters=values, stderr={}) for name, values in parameters)
-        module = ModuleType("ftbias_jax.diagnosis.diagnose")
-        module.diagnose = lambda *arguments, **options: make_diagnosis(causes=causes, repairs=((),))
-        monkeypatch.setitem(sys.modules, "ftbias_jax.diagnosis.diagnose", module)
-        outputs = ["--json", "out.json", "--html", "out.html", "--apply", "-o", "fixed.toml"]
-        code = main(["diagnose", "log.npz", "--setup", "setup.toml", *outputs])
-        assert json.loads((tmp_path / "out.json").read_text())["causes"][0]["effect"] == causes[0].effect
-        assert (tmp_path / "out.html").stat().st_size > 1000
-        return code, capsys.readouterr()
-
-    return run
-
-
-def test_a_value_that_no_setup_can_state_costs_no_output(diagnosed, tmp_path):
-    code, printed = diagnosed(("gain", {"gain": [-1.078] * 6}))
-    assert code == 1
-    assert printed.err.startswith("ftbias: not applied: effects.gain.gain: got [-1.078")
-    assert printed.out.endswith("wrote out.json, out.html\n")
-    assert not (tmp_path / "fixed.toml").exists()
-
-
-def test_what_can_be_applied_is_applied(diagnosed, tmp_path):
-    code, printed = diagnosed(("gain", {"gain": [-1.078] * 6}), ("tool_mass", {"mass": 0.8}))
-    assert code == 1
-    assert "effects.gain.gain" in printed.err
-    text = (tmp_path / "fixed.toml").read_text()
-    assert "[effects.tool_mass]" in text
-    assert "[effects.gain]" not in text

@@ -5,6 +5,7 @@ import sys
 import time
 from contextlib import suppress
 
+import log_files
 import numpy as np
 import pytest
 import recordings
@@ -43,18 +44,11 @@ def mutate(content, rng):
 def originals(tmp_path):
     """One small file of every format."""
     log = recordings.arrays(40)
-    table = {"t": np.arange(20) * 0.02, **{f"q{i}": log["q"][:, i] for i in range(2)}}
-    table |= {name: log["wrench"][::2, i] for i, name in enumerate(["fx", "fy", "fz", "tx", "ty", "tz"])}
+    table = {"t": np.arange(20) * 0.02, "q": log["q"], "wrench": log["wrench"][::2]}
     np.savez_compressed(tmp_path / "log.npz", **log)
-    rows = np.column_stack(list(table.values()))
-    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=",".join(table), comments="")
-    pytest.importorskip("pyarrow.parquet").write_table(
-        pytest.importorskip("pyarrow").table(table), tmp_path / "log.parquet"
-    )
-    with pytest.importorskip("h5py").File(tmp_path / "log.h5", "w") as root:
-        for name, values in log.items():
-            root.create_dataset(name, data=values, compression="gzip")
-    yield from (tmp_path / f"log{suffix}" for suffix in (".npz", ".csv", ".parquet", ".h5"))
+    yield tmp_path / "log.npz"
+    yield log_files.write(tmp_path / "log.h5", log, compression="gzip")
+    yield from (log_files.write(tmp_path / f"log{suffix}", table) for suffix in (".csv", ".parquet"))
     for kind in FORMATS:
         if kind == "folder":
             continue

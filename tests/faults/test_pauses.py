@@ -29,16 +29,17 @@ WORDS = {
 
 @pytest.fixture
 def paused(tmp_path, monkeypatch):
-    """Writes a log that pauses for so long before a sample."""
+    """Writes a log that pauses for so long before a sample, or with other arrays."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "setup.toml").write_text(SETUP)
     write_log(tmp_path / "log.npz", samples=SAMPLES)
     arrays = dict(np.load("log.npz"))
 
-    def write(pause, place):
+    def write(pause=0.0, place=1, **changes):
         t = arrays["t"].copy()
         t[place:] += pause
-        np.savez("log.npz", **{**arrays, "t": t})
+        np.savez("log.npz", **{**arrays, "t": t, **changes})
+        return {**arrays, "t": t}
 
     return write
 
@@ -70,11 +71,10 @@ def test_commands_that_fit_take_no_longer(paused, capsys, command, pause, place)
 def test_what_follows_a_pause_is_filtered_with_a_bias_of_its_own(paused, capsys, pause):
     """The same log without and with the bias of another day after the pause: the bias differs by just that."""
     half, step = SAMPLES // 2, np.array([3, -2, 1, 0.3, 0.2, 0.1])
-    paused(pause, half)
-    arrays, found = dict(np.load("log.npz")), []
+    arrays, found = paused(pause, half), []
     for size in (0, 1):
         wrench = arrays["wrench"] + size * step * (np.arange(SAMPLES) >= half)[:, None]
-        np.savez("log.npz", **{**arrays, "wrench": wrench})
+        paused(pause, half, wrench=wrench)
         assert main(["filter", "log.npz", "--setup", "setup.toml", "-o", "out.npz", "--as-stated"]) in (0, 3)
         with np.load("out.npz") as out:
             found.append(np.array(out["bias"], float))
@@ -87,11 +87,7 @@ def test_what_follows_a_pause_is_filtered_with_a_bias_of_its_own(paused, capsys,
 
 @pytest.mark.parametrize("stamp", [1e30, -1e30, 1e308])
 def test_a_stamp_that_no_clock_has_is_left_out_and_told(paused, stamp):
-    paused(0.0, 1)
-    with np.load("log.npz") as log:
-        arrays = dict(log)
-    arrays["t"][-1] = stamp
-    np.savez("log.npz", **arrays)
+    paused(t=np.r_[paused()["t"][:-1], stamp])
     log = read_log("log.npz", load_setup("setup.toml"))
     assert len(log.t) == SAMPLES - 1
     assert any("centuries" in repair.what and repair.lost for repair in log.repairs)
@@ -99,10 +95,7 @@ def test_a_stamp_that_no_clock_has_is_left_out_and_told(paused, stamp):
 
 @pytest.mark.parametrize("t", [np.full(SAMPLES, 1e308), np.linspace(1e308, 1.7e308, SAMPLES), np.full(SAMPLES, -1e300)])
 def test_stamps_that_all_are_no_time_are_refused(paused, capsys, t):
-    paused(0.0, 1)
-    with np.load("log.npz") as log:
-        arrays = dict(log)
-    np.savez("log.npz", **{**arrays, "t": t})
+    paused(t=t)
     assert main(WORDS["check"].split()) == 1
     assert "the stamps are about" in capsys.readouterr().err
 
@@ -133,27 +126,22 @@ def test_long_pauses_are_shortened_with_all_that_has_times(paused):
 
 @pytest.mark.parametrize("samples", [2, 3, 30])
 def test_a_log_that_is_too_short_for_a_diagnosis_says_so(paused, capsys, samples):
-    with np.load("log.npz") as log:
-        arrays = {name: values[:samples] for name, values in log.items()}
-    np.savez("log.npz", **arrays)
+    paused(**{name: values[:samples] for name, values in paused().items()})
     assert main(WORDS["diagnose"].split()) == 1
     assert "too short to tell a gap from the bias" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["t", "q", "wrench"])
 def test_an_array_that_is_one_number_is_an_error_of_ours(paused, capsys, name):
-    with np.load("log.npz") as log:
-        arrays = dict(log)
-    np.savez("log.npz", **{**arrays, name: np.float64(3.0)})
+    paused(**{name: np.float64(3.0)})
     for words in ("info log.npz", WORDS["check"]):
         assert main(words.split()) in (0, 1)
         assert "Traceback" not in capsys.readouterr().err
 
 
 def test_a_wrench_that_nothing_measures_is_refused(paused, capsys):
-    with np.load("log.npz") as log:
-        arrays = dict(log)
-    arrays["wrench"][500, 2] = 1e30
-    np.savez("log.npz", **arrays)
+    wrench = paused()["wrench"]
+    wrench[500, 2] = 1e30
+    paused(wrench=wrench)
     assert main(WORDS["check"].split()) == 1
     assert "wrench[500, 2] is 1e+30, which nothing measures" in capsys.readouterr().err

@@ -32,13 +32,8 @@ def test_a_model_is_linearised_where_it_stands():
     wrench[100:200, 2] = np.nan
     problem, at = problem_of(wrench), np.array([0.7, -0.4])
     linear = innovation_regression.linearise(problem, curved)(at)
-    slopes = np.stack([WAVES[0] + at[1] * WAVES[1], at[0] * WAVES[1] + 2 * at[1] * WAVES[2]])
-    error = np.asarray(curved(at)) - wrench
-    expected = np.asarray(likelihood.whiten(problem, jnp.asarray(np.concatenate([slopes, error[None]]))))
-    np.testing.assert_array_equal(linear.at, at)
-    np.testing.assert_allclose(linear.columns, expected[:2], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(linear.residual, expected[2], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(linear.information, np.einsum("atc,btc->ab", expected[:2], expected[:2]), rtol=1e-9)
+    for got, expected in zip(linear[:4], linear_at(problem, at)[:4], strict=True):
+        np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9)
     assert (linear.residual[100:200, 2] == 0).all()
 
 
@@ -49,9 +44,8 @@ def test_the_bias_after_the_last_sample_is_that_of_the_filter_and_moves_with_the
     linear = innovation_regression.linearise(problem_of(wrench), curved)(at)
     weight = STD**-2.0 / (COUNT * STD**-2.0 + 1e-2)
     error = np.asarray(curved(at)) - wrench
-    slopes = np.stack([WAVES[0] + at[1] * WAVES[1], at[0] * WAVES[1] + 2 * at[1] * WAVES[2]])
     np.testing.assert_allclose(linear.bias, weight * error.sum(0), rtol=1e-4)
-    np.testing.assert_allclose(linear.bias_slopes, weight * slopes.sum(1), rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(linear.bias_slopes, weight * slopes_at(at).sum(1), rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(linear.bias_variance, weight * STD**2, rtol=1e-4)
 
 
@@ -80,11 +74,14 @@ def estimates_and_errors(scale, hold):
     return map(np.array, zip(*found, strict=True))
 
 
+def slopes_at(at):
+    return np.stack([WAVES[0] + at[1] * WAVES[1], at[0] * WAVES[1] + 2 * at[1] * WAVES[2]])
+
+
 def linear_at(problem, at):
-    """linearise without compiling for each log."""
-    slopes = np.stack([WAVES[0] + at[1] * WAVES[1], at[0] * WAVES[1] + 2 * at[1] * WAVES[2]])
+    """By the derivatives written out."""
     error = np.asarray(curved(at)) - np.asarray(problem.wrench)
-    white = np.asarray(likelihood.whiten(problem, jnp.asarray(np.concatenate([slopes, error[None]]))))
+    white = np.asarray(likelihood.whiten(problem, jnp.asarray(np.concatenate([slopes_at(at), error[None]]))))
     return innovation_regression.Linear(
         at, white[:2], white[2], np.einsum("atc,btc->ab", white[:2], white[:2]), *NO_BIAS
     )

@@ -66,39 +66,19 @@ def reference(linear_gaussian, noise, dt, q, joint, model):
 
 @models
 @pytest.mark.parametrize("missing", MISSING)
-def test_equals_the_textbook_filter(linear_gaussian, noise, model, missing):
-    dt, q, dq = measured(missing)
-    states, _ = run(noise, dt, q, dq, model)
-    for joint in range(JOINTS):
-        expected = reference(linear_gaussian, noise, dt, q, joint, model).filtered(np.stack([q, dq], -1)[:, joint])
-        np.testing.assert_allclose(states.mean[:, joint], expected[0], rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(states.covariance[:, joint], expected[1], rtol=1e-9, atol=1e-9)
-
-
-@models
-@pytest.mark.parametrize("missing", MISSING)
 def test_erratum_13_the_likelihood_is_that_of_the_whole_log(linear_gaussian, noise, model, missing):
-    """The increments of the first k samples add up to the density of those, so any burn-in may be left out."""
+    """And the states are the textbook's; increments add up to the density of any first samples, the burn-in's too."""
     dt, q, dq = measured(missing)
-    total = np.cumsum(run(noise, dt, q, dq, model)[1].log_likelihood, 0)
-    for joint in range(JOINTS):
-        everything = reference(linear_gaussian, noise, dt, q, joint, model)
-        y = np.stack([q, dq], -1)[:, joint]
-        for k in (10, COUNT):
-            part = everything._replace(A=everything.A[:k], Q=everything.Q[:k], R=everything.R[:k])
-            np.testing.assert_allclose(total[k - 1, joint], part.log_density(y[:k]), rtol=1e-9, atol=1e-9)
-
-
-@models
-def test_the_first_sample_is_a_correction_without_a_prediction(noise, model):
-    dt, q, dq = measured("nothing")
     states, innovation = run(noise, dt, q, dq, model)
-    np.testing.assert_allclose(innovation.value[0], np.stack([0 * q[0], dq[0]], -1), atol=1e-15)
-    variance = np.stack([noise.position_std, noise.velocity_std], -1) ** 2
-    prior = PRIOR_STD[:2] ** 2
-    diagonal = np.diagonal(states.covariance[0], axis1=1, axis2=2)
-    np.testing.assert_allclose(diagonal[:, :2], prior * variance / (prior + variance), rtol=1e-12)
-    np.testing.assert_allclose(diagonal[:, 2], PRIOR_STD[2] ** 2, rtol=1e-12)
+    total = np.cumsum(innovation.log_likelihood, 0)
+    for joint in range(JOINTS):
+        whole, y = reference(linear_gaussian, noise, dt, q, joint, model), np.stack([q, dq], -1)[:, joint]
+        mean, covariance = whole.filtered(y)
+        np.testing.assert_allclose(states.mean[:, joint], mean, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(states.covariance[:, joint], covariance, rtol=1e-9, atol=1e-9)
+        for k in (10, COUNT):
+            part = whole._replace(A=whole.A[:k], Q=whole.Q[:k], R=whole.R[:k])
+            np.testing.assert_allclose(total[k - 1, joint], part.log_density(y[:k]), rtol=1e-9, atol=1e-9)
 
 
 def test_joints_are_filtered_independently(noise):

@@ -16,7 +16,7 @@ from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.rts import smooth_track
 from ftbias_jax.filtering.fast.scan import filter_scan
 from ftbias_jax.filtering.pipeline import Options
-from ftbias_jax.filtering.process_models import drift_noise, integrated_jerk_noise
+from ftbias_jax.filtering.process_models import drift_noise
 from ftbias_jax.filtering.quality import summary as summaries
 from ftbias_jax.filtering.result import Filtered, named_arrays
 from ftbias_jax.filtering.samples import samples_from_log
@@ -151,24 +151,6 @@ def test_a_stated_density_is_kept_to_smooth_and_guarded_to_filter(samples):
     np.testing.assert_array_equal(params_for_log.likeliest_params(setup, samples).joint.process_density, [1, 2, 3])
     guarded = params_for_log.params_for_log(setup, samples).joint.process_density
     np.testing.assert_array_equal(guarded, params_for_log.LAG_GUARD * np.array([1, 2, 3]))
-
-
-def test_a_density_left_open_is_the_true_one_times_the_guard():
-    """White noise on the jerk, 0.3, 3 and 30 rad/s^2.5; the velocities come at half the rate."""
-    rng = np.random.default_rng(1)
-    truth, dt, count = np.array([0.3, 3.0, 30.0]), 0.01, 400
-    A, Q = (np.array(rows) for rows in integrated_jerk_noise(np.float64(dt), np.float64(1.0)))
-    states = [np.zeros((3, 3))]
-    for shock in np.linalg.cholesky(Q) @ rng.normal(size=(count - 1, 3, 3)) * truth:
-        states.append(A @ states[-1] + shock)
-    q, dq, _ = np.stack(states, 1)
-    q = q + 1e-4 * rng.normal(size=(count, 3))
-    dq = dq + 1e-3 * rng.normal(size=(count, 3))
-    dq[::2] = np.nan
-    nothing = np.full(count, np.nan)
-    log = Log(dt * np.arange(count), q, dq, np.zeros((count, 6)), nothing)
-    found = params_for_log.params_for_log(parse_setup(SETUP), samples_from_log(log)).joint.process_density
-    assert (np.abs(np.log(found / params_for_log.LAG_GUARD / truth)) < np.log(3)).all()
 
 
 def filtered(path):

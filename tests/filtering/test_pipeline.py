@@ -1,7 +1,5 @@
 """The pipeline: one step, a scan of it, batches of it; units, precision, gradients; and what a setup turns into."""
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -60,18 +58,6 @@ def test_run_is_a_loop_of_step(params, samples):
     assert_close(pipeline.scan_steps(params, pipeline.init(params, samples), samples, emit=pipeline.keep_all), expected)
 
 
-def test_padded_logs_of_unequal_length_run_as_one_batch(params, samples):
-    logs = [samples, cut(samples, 10, 35)]
-    batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(pad(log, 40) for log in logs))
-    states = jax.vmap(partial(pipeline.init, params))(batch)
-    last, kept = jax.vmap(partial(pipeline.run, params))(states, batch)
-    for i, log in enumerate(logs):
-        expected, (_, expected_info) = loop(params, log)
-        assert_close(jax.tree.map(lambda x, i=i: x[i], last), expected)
-        assert_close(kept["log_likelihood"][i].sum(), expected_info.log_likelihood.sum())
-        assert not kept["log_likelihood"][i, len(log.dt) :].any()
-
-
 def test_a_log_cannot_be_padded_to_less(samples):
     with pytest.raises(ValueError, match="cannot pad 40 samples to 39"):
         pad(samples, 39)
@@ -125,27 +111,6 @@ def test_the_unit_of_time_does_not_matter(params, samples, scale):
     assert_close(info.wrench.nis, expected_info.wrench.nis, 1e-9)
     densities = np.log(s) * (np.isfinite(samples.dq).sum() + 2 * np.isfinite(samples.wrench).sum())
     assert_close(info.log_likelihood.sum() - densities, expected_info.log_likelihood.sum(), 1e-9)
-
-
-def test_erratum_13_the_log_likelihood_is_that_of_all_joints_and_the_wrench(params, samples):
-    """Each filter's is tested against the density of a whole log; burn-in is leaving out the first increments."""
-    _, (_, info) = run(params, samples)
-    assert_close(info.log_likelihood, info.joint.log_likelihood.sum(1) + info.wrench.log_likelihood)
-    measured = [np.isfinite(x).sum() for x in (samples.q, samples.dq, samples.wrench)]
-    assert info.joint.count.sum() == measured[0] + measured[1]
-    assert info.wrench.count.sum() == measured[2]
-
-
-def test_an_empty_sample_is_a_prediction_only(params, samples):
-    """With A of the interval, and no innovation."""
-    last, _ = run(params, samples)
-    nothing = Sample(jnp.asarray(0.01), *(jnp.full_like(x[0], jnp.nan) for x in samples[1:4]))
-    after, info = step(params, last, nothing)
-    assert_close(after.bias.mean[:6], last.bias.mean[:6] + 0.01 * last.bias.mean[6:])
-    expected = last.joint.mean[:, 0] + 0.01 * last.joint.mean[:, 1] + 0.01**2 / 2 * last.joint.mean[:, 2]
-    assert_close(after.joint.mean[:, 0], expected)
-    assert info.log_likelihood == 0
-    assert np.isnan(info.wrench.value).all()
 
 
 predict_wrench = jax.jit(lambda params, joints: pipeline.predict_wrench(params, joints)[1])

@@ -1,7 +1,5 @@
 """A log of the sensor's pose gives the bias that the joints of the same simulated log give."""
 
-import tomllib
-
 import by_params
 import jax
 import jax.numpy as jnp
@@ -9,7 +7,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.cli.commands.filter import filter_file
-from ftbias_jax.filtering import params_for_log, pipeline
+from ftbias_jax.filtering import params_for_log
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.io import read_log
 from ftbias_jax.io.parts import open_log
@@ -19,7 +17,7 @@ from ftbias_jax.model import simulate
 from ftbias_jax.model.kinematics.screws import make_arm, sensor_motion
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate import Trajectory
-from ftbias_jax.setup import dump_setup, parse_setup
+from ftbias_jax.setup import parse_setup
 
 RATE, SECONDS = 200, 30
 COMMON = {
@@ -69,7 +67,6 @@ def truth():
         "log": {name: np.array(getattr(truth, name)) for name in ("t", "q", "dq", "wrench")},
         "bias": np.array(truth.bias),
         "quaternion_wxyz": quaternion + 5e-5 * rng.normal(size=quaternion.shape),
-        "matrix": body.R_base_sensor + 5e-5 * rng.normal(size=(len(t), 3, 3)),
         "position": body.p_base_sensor + 1e-4 * rng.normal(size=(len(t), 3)),
         "angular_velocity": turning + 2e-3 * rng.normal(size=(len(t), 3)),
         "specific_force": felt + 0.02 * rng.normal(size=(len(t), 3)),
@@ -106,14 +103,6 @@ def test_orientation_and_position(truth, by_joints, tmp_path):
     assert outcome.repairs == ()
     # Positions of 0.1 mm without velocities say less of the acceleration than encoders do.
     assert_as_good(result, truth, by_joints, 10)
-
-
-def test_matrices_are_quaternions(truth, tmp_path):
-    setups = [pose_setup(orientation=name) for name in ("matrix", "quaternion_wxyz")]
-    results = []
-    for setup, orientation in zip(setups, (truth["matrix"], quaternions_of(truth["matrix"])), strict=True):
-        results.append(filter_pose(tmp_path, setup, truth, orientation=orientation, position=truth["position"])[1])
-    np.testing.assert_allclose(results[0]["bias"], results[1]["bias"], rtol=1e-3, atol=1e-3)
 
 
 def test_an_imu_instead_of_a_position(truth, by_joints, tmp_path):
@@ -162,23 +151,3 @@ def test_missing_orientations_cost_accuracy_and_nothing_else(truth, tmp_path):
     assert np.isfinite(result["bias"]).all()
     error = np.abs(result["bias"] - truth["bias"]) / result["bias_std"]
     assert error[200:].max() < 6
-
-
-def test_the_same_log_through_the_step_and_the_staged_route(truth, tmp_path):
-    setup = pose_setup(orientation="quaternion_wxyz")
-    np.savez(tmp_path / "log.npz", t=truth["log"]["t"], wrench=truth["log"]["wrench"],
-             orientation=truth["quaternion_wxyz"], position=truth["position"])  # fmt: skip
-    log = read_log(tmp_path / "log.npz", setup)
-    log = log._replace(**{name: getattr(log, name)[:300] for name in ("t", "q", "dq", "wrench", "temperature")})
-    params = params_from_setup(setup)
-    samples = samples_from_log(log)
-    _, kept = pipeline.run(params, pipeline.init(params, samples), samples)
-    np.testing.assert_allclose(by_params.filter_with_params(params, log).bias, kept["bias"][:, 0], rtol=1e-8, atol=1e-9)
-
-
-def test_setups_of_poses_come_back(tmp_path):
-    setup = pose_setup(orientation="quaternion_wxyz", linear="none", acceleration_std=0.7, frame="tool0", base="world")
-    again = parse_setup(tomllib.loads(dump_setup(setup)))
-    assert (again.pose.orientation, again.pose.linear, again.pose.frame) == ("quaternion_wxyz", "none", "tool0")
-    assert again.pose.acceleration_std == 0.7
-    np.testing.assert_array_equal(again.joints.position_noise_std, setup.joints.position_noise_std)

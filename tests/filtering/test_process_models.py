@@ -144,16 +144,6 @@ def test_correlated_noise_on_top_is_the_integral_of_its_equation(dt, drift_rate,
     np.testing.assert_allclose(Q, expected[1], rtol=1e-9, atol=1e-13)
 
 
-@given(first=intervals, second=intervals, rate=st.floats(1e-6, 1e3))
-def test_two_steps_of_correlated_noise_equal_one(first, second, rate):
-    strength = strength_of(0.3, rate, (1.3, 0.5))
-    (A1, Q1), (A2, Q2), (A, Q) = (
-        bias_matrices(correlated_bias, dt, strength) for dt in (first, second, first + second)
-    )
-    np.testing.assert_allclose(A2 @ A1, A, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(A2 @ Q1 @ A2.T + Q2, Q, rtol=1e-8, atol=1e-9 * Q.max())
-
-
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("rate", [0.0, 1e-12, 1e-5, 1.0, 1e5, 1e12])
 @pytest.mark.parametrize("dt", [0.0, 1e-6, 1e-3, 1.0, 1e4])

@@ -13,7 +13,6 @@ from ftbias_jax.io.cleaning import slices
 from ftbias_jax.model.params import params_from_setup
 
 JUMPS = (800, 1300)
-RATE = 100.0
 
 
 def zeroed_log(rows=JUMPS, start=100.0):
@@ -109,49 +108,6 @@ def test_before_a_jump_nothing_is_changed_by_it(zeroed):
     assert np.abs(with_jump - without)[JUMPS[0] :].max() > 1
 
 
-@pytest.mark.parametrize(("options", "correlated"), [(pipeline.Options(), False), (pipeline.Options(gate=6.0), True)])
-def test_the_fast_route_is_the_definition(zeroed, options, correlated):
-    with jax.enable_x64(True):
-        setup, log, _ = zeroed
-        params, samples = params_from_setup(setup, jnp.float64), _short(log)
-        if correlated:
-            bias = params.bias
-            params = params._replace(
-                bias=bias._replace(
-                    correlated_std=0.3 * bias.prior_std[:6],
-                    correlated_time=jnp.full(6, 0.2),
-                    vibration=jnp.full((6, 6), 1e-3),
-                    correlated_vibration=jnp.full(6, 0.5),
-                )
-            )
-        start = pipeline.init(params, samples)
-        fast, slow = (f(params, start, samples, options, _kept)[1] for f in (pipeline.run, pipeline.scan_steps))
-        np.testing.assert_allclose(fast[1], slow[1], rtol=1e-9)
-        fast, slow = fast[0], slow[0]
-        np.testing.assert_allclose(fast.mean, slow.mean, atol=1e-8)
-        np.testing.assert_allclose(fast.covariance, slow.covariance, atol=1e-8)
-
-
-def test_the_likelihood_has_the_right_gradient(zeroed):
-    with jax.enable_x64(True):
-        setup, log, _ = zeroed
-        params, samples = params_from_setup(setup, jnp.float64), _short(log)
-
-        def of(factors):
-            bias = params.bias
-            changed = bias._replace(
-                density=bias.density * factors[0], wrench_variance=bias.wrench_variance * factors[1]
-            )
-            return likelihood.log_likelihood(params._replace(bias=changed), samples)
-
-        value_and_grad = jax.jit(jax.value_and_grad(of))
-        slope = value_and_grad(jnp.ones(2))[1]
-        for i in range(2):
-            step = 1e-4 * jnp.eye(2)[i]
-            numeric = (value_and_grad(1 + step)[0] - value_and_grad(1 - step)[0]) / 2e-4
-            assert float(slope[i]) == pytest.approx(float(numeric), rel=1e-5, abs=1e-5)
-
-
 def test_what_is_behind_a_jump_is_worth_nothing_before_it(zeroed):
     """Whitened, a step of the reading at the jump is next to nothing; without the jump it is a loud contradiction."""
     with jax.enable_x64(True):
@@ -163,10 +119,6 @@ def test_what_is_behind_a_jump_is_worth_nothing_before_it(zeroed):
         step = jnp.zeros((1, len(samples.dt), 6)).at[:, 30:].set(5.0)
         with_jump, without = (likelihood.whiten(x, step) for x in (problem, problem._replace(jump=None)))
         assert (with_jump**2).sum() < 0.05 * (without**2).sum()
-
-
-def _kept(state, info):
-    return state.bias, info.log_likelihood
 
 
 def _short(log):

@@ -1,10 +1,9 @@
-"""Smoothing against the Rauch-Tung-Striebel formulas as textbooks print them, in NumPy."""
+"""Smoothing against the one normal distribution of all biases and readings, and against what the past knows."""
 
 import by_params
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from ftbias_jax.cli.commands import demo
 from ftbias_jax.filtering import pipeline, smoother
@@ -15,31 +14,12 @@ from ftbias_jax.setup import parse_setup
 from ftbias_jax.types import Sample
 
 
-@pytest.fixture(scope="module")
-def bias_model(linear_gaussian, params, samples):
-    """The bias process of the log, without a measurement noise yet."""
-    A, Q = map(np.asarray, jax.vmap(bias_drift_noise, in_axes=(0, None))(samples.dt, params.bias.density))
-    return linear_gaussian(
-        A, Q, np.eye(6, 12), None, np.asarray(params.bias.prior_mean), np.diag(params.bias.prior_std**2)
-    )
-
-
-def rauch_tung_striebel(model, means, covariances):
-    """Smoothed means and covariances from filtered ones."""
-    means, covariances = means.copy(), covariances.copy()
-    for i in reversed(range(len(means) - 1)):
-        A, P = model.A[i + 1], covariances[i]
-        predicted = A @ P @ A.T + model.Q[i + 1]
-        G = P @ A.T @ np.linalg.inv(predicted)
-        means[i] += G @ (means[i + 1] - A @ means[i])
-        covariances[i] = P + G @ (covariances[i + 1] - predicted) @ G.T
-    return means, covariances
-
-
-def test_bias_and_drift_are_smoothed_axis_by_axis(params, samples, bias_model):
+def test_bias_and_drift_are_smoothed_axis_by_axis(linear_gaussian, params, samples):
     variance = np.random.default_rng(1).uniform(0.01, 0.1, (len(samples.dt), 6)) ** 2
-    model = bias_model._replace(R=variance[:, :, None] * np.eye(6))
-    mean, covariance = rauch_tung_striebel(model, *model.filtered(-np.asarray(samples.wrench)))
+    A, Q = map(np.asarray, jax.vmap(bias_drift_noise, in_axes=(0, None))(samples.dt, params.bias.density))
+    prior = np.asarray(params.bias.prior_mean), np.diag(params.bias.prior_std**2)
+    model = linear_gaussian(A, Q, np.eye(6, 12), variance[:, :, None] * np.eye(6), *prior)
+    mean, covariance = model.smoothed(-np.asarray(samples.wrench))
     start = pipeline.init(params, samples)
     inputs = stages.bias_inputs(params, start, samples, jnp.zeros_like(variance), jnp.asarray(variance))
     got_mean, got_std = smoother.smooth_axes(inputs)

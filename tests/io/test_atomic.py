@@ -4,9 +4,9 @@ import stat
 import numpy as np
 import pytest
 
-from ftbias_jax.errors import OutputError
+from ftbias_jax.errors import LogError, OutputError
 from ftbias_jax.io.atomic import make_folder, make_folder_inside, write_atomic
-from ftbias_jax.io.write.npz import load_npz, save_npz
+from ftbias_jax.io.write.npz import load_npz, save_npz, save_npz_parts
 
 
 def fails(call, path, *words):
@@ -95,16 +95,33 @@ def test_places_that_cannot_hold_a_file_are_named(tmp_path):
     fails(lambda: write_atomic(os.devnull, lambda file: None), os.devnull, "is not a regular file", "path of a file")
 
 
-def test_arrays_read_back_and_the_same_arrays_give_the_same_bytes(tmp_path):
-    arrays = {"t": np.arange(3.0), "q": np.ones((3, 2), np.float32), "log_likelihood": np.float64(-1.5)}
-    save_npz(tmp_path / "a.npz", arrays)
-    save_npz(tmp_path / "b.npz", arrays)
+def parts():
+    rng = np.random.default_rng(0)
+    for count in (3, 0, 5):
+        yield {"t": rng.normal(size=count), "bias": np.float32(rng.normal(size=(count, 6))), "total": np.float64(count)}
+
+
+def test_arrays_in_parts_read_back_and_the_same_arrays_give_the_same_bytes(tmp_path):
+    save_npz_parts(tmp_path / "a.npz", parts())
+    save_npz_parts(tmp_path / "b.npz", parts())
+    first, *_, last = parts()
+    arrays = {name: np.concatenate([first[name], last[name]]) for name in ("t", "bias")} | {"total": np.float64(8)}
+    save_npz(tmp_path / "whole.npz", arrays)
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
-    read = load_npz(tmp_path / "a.npz")
-    assert list(read) == list(arrays)
-    for name, array in arrays.items():
-        np.testing.assert_array_equal(read[name], array)
-        assert read[name].dtype == array.dtype
+    for read in (load_npz(tmp_path / "a.npz"), load_npz(tmp_path / "whole.npz"), dict(np.load(tmp_path / "a.npz"))):
+        for name, array in arrays.items():
+            np.testing.assert_array_equal(read[name], array)
+            assert (read[name].dtype, read[name].shape) == (array.dtype, array.shape)
+
+
+def test_parts_that_fail_leave_nothing(tmp_path):
+    def failing():
+        yield from parts()
+        raise LogError("is damaged")
+
+    with pytest.raises(LogError, match="is damaged"):
+        save_npz_parts(tmp_path / "result.npz", failing())
+    assert os.listdir(tmp_path) == []
 
 
 def test_objects_are_not_written(tmp_path):

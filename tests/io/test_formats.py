@@ -2,6 +2,7 @@
 
 import sys
 
+import log_files
 import numpy as np
 import pytest
 import recordings
@@ -16,31 +17,15 @@ arrow = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
 
 
+FIELDS = ("t", "q", "dq", "wrench")
+
+
+def written(path, log):
+    return log_files.write(path, {name: getattr(log, name) for name in FIELDS})
+
+
 def columns(log):
-    names = ["t", "q0", "q1", "dq0", "dq1", "fx", "fy", "fz", "tx", "ty", "tz"]
-    return dict(zip(names, np.column_stack([log.t, log.q, log.dq, log.wrench]).T, strict=True))
-
-
-def write_csv(path, log):
-    table = columns(log)
-    np.savetxt(path, np.column_stack(list(table.values())), "%.17g", ",", header=",".join(table), comments="")
-
-
-def write_parquet(path, log):
-    pq.write_table(arrow.table(columns(log)), path)
-
-
-def write_hdf5(path, log):
-    with h5py.File(path, "w") as root:
-        for name in ("t", "q", "dq", "wrench"):
-            root.create_dataset(name, data=getattr(log, name), compression="gzip")
-
-
-def write_npz(path, log):
-    np.savez_compressed(path, t=log.t, q=log.q, dq=log.dq, wrench=log.wrench)
-
-
-WRITERS = {"log.csv": write_csv, "log.parquet": write_parquet, "log.h5": write_hdf5, "log.npz": write_npz}
+    return log_files.columns({name: getattr(log, name) for name in FIELDS})
 
 
 @pytest.fixture(scope="session")
@@ -50,10 +35,9 @@ def original(tmp_path_factory, setup) -> Log:
     return read_log(recordings.write(folder, "ros1", recordings.messages()), setup)
 
 
-@pytest.mark.parametrize("name", WRITERS)
-def test_every_format_gives_the_same_log(tmp_path, setup, original, name):
-    WRITERS[name](tmp_path / name, original)
-    log = read_log(tmp_path / name, setup)
+@pytest.mark.parametrize("suffix", log_files.SUFFIXES)
+def test_every_format_gives_the_same_log(tmp_path, setup, original, suffix):
+    log = read_log(written(tmp_path / f"log{suffix}", original), setup)
     for field in ("t", "q", "dq", "wrench", "temperature"):
         np.testing.assert_allclose(getattr(log, field), getattr(original, field), rtol=0, atol=1e-12)
 
@@ -71,7 +55,7 @@ def fails(path, setup, *words):
 
 @pytest.mark.parametrize(("name", "module"), [("log.h5", "h5py"), ("log.parquet", "pyarrow")])
 def test_a_missing_package_is_named_with_its_extra(tmp_path, setup, original, monkeypatch, name, module):
-    WRITERS[name](tmp_path / name, original)
+    written(tmp_path / name, original)
     monkeypatch.setitem(sys.modules, module, None)
     fails(tmp_path / name, setup, f"needs the package {module}", "pip install 'ftbias-jax[")
 
@@ -130,26 +114,16 @@ def test_a_parquet_without_rows_and_one_with_an_empty_column(tmp_path, setup, or
     np.testing.assert_array_equal(log.wrench[:, 1:], original.wrench[:, 1:])
 
 
-def test_parquet_of_too_many_rows_is_refused_before_memory_is_taken(tmp_path, setup, original, monkeypatch):
-    write_parquet(tmp_path / "log.parquet", original)
+@pytest.mark.parametrize("suffix", [".parquet", ".h5"])
+def test_too_many_numbers_are_refused_before_memory_is_taken(tmp_path, setup, original, monkeypatch, suffix):
+    path = written(tmp_path / f"log{suffix}", original)
     monkeypatch.setattr(budget, "MAX_BYTES", 100)
-    fails(tmp_path / "log.parquet", setup, "declares more than 100 bytes of numbers", "split the log")
+    fails(path, setup, "declares more than 100 bytes of numbers", "split the log")
 
 
 def test_hdf5_streams_with_their_own_stamps_are_merged(tmp_path, setup, original):
-    with h5py.File(tmp_path / "log.hdf5", "w") as root:
-        for name, values in recordings.arrays().items():
-            root[name] = values
-        root["notes/anything"] = "other datasets are ignored"
-    np.testing.assert_array_equal(read_log(tmp_path / "log.hdf5", setup).q, original.q)
-
-
-def hdf5_log(path, original, name, change):
-    write_hdf5(path, original)
-    with h5py.File(path, "a") as root:
-        del root[name]
-        change(root)
-    return path
+    path = log_files.write(tmp_path / "log.h5", {**recordings.arrays(), "notes/anything": "other data are ignored"})
+    np.testing.assert_array_equal(read_log(path.rename(tmp_path / "log.hdf5"), setup).q, original.q)
 
 
 @pytest.mark.parametrize(
@@ -168,10 +142,8 @@ def hdf5_log(path, original, name, change):
     ],
 )  # fmt: skip
 def test_hdf5_datasets_that_cannot_be_read_are_named(tmp_path, setup, original, change, words):
-    fails(hdf5_log(tmp_path / "log.h5", original, "q", change), setup, words)
-
-
-def test_hdf5_of_too_many_bytes_is_refused_before_memory_is_taken(tmp_path, setup, original, monkeypatch):
-    write_hdf5(tmp_path / "log.h5", original)
-    monkeypatch.setattr(budget, "MAX_BYTES", 100)
-    fails(tmp_path / "log.h5", setup, "declares more than 100 bytes of numbers", "split the log")
+    path = written(tmp_path / "log.h5", original)
+    with h5py.File(path, "a") as root:
+        del root["q"]
+        change(root)
+    fails(path, setup, words)

@@ -1,3 +1,4 @@
+import log_files
 import numpy as np
 import pytest
 import recordings
@@ -19,34 +20,20 @@ def test_recordings(tmp_path, setup, kind):
     assert info.usable
 
 
-def write_native(path):
+@pytest.mark.parametrize("suffix", log_files.SUFFIXES)
+def test_native_formats_need_no_setup(tmp_path, setup, suffix):
     log = recordings.arrays()
-    if path.suffix == ".npz":
-        np.savez(path, **log)
-        return
-    table = {f"q{i}": log["q"][:, i] for i in range(2)}
-    table |= {name: log["wrench"][::2, i] for i, name in enumerate(["fx", "fy", "fz", "tx", "ty", "tz"])}
-    table["t"] = (log["t_joints"] - log["t_joints"][0]) * 1e-9
-    if path.suffix == ".csv":
-        np.savetxt(path, np.column_stack(list(table.values())), "%.17g", ",", header=",".join(table), comments="")
-    elif path.suffix == ".parquet":
-        pytest.importorskip("pyarrow.parquet").write_table(pytest.importorskip("pyarrow").table(table), path)
-    else:
-        with pytest.importorskip("h5py").File(path, "w") as root:
-            for name, values in log.items():
-                root[name] = values
-
-
-@pytest.mark.parametrize("name", ["log.npz", "log.csv", "log.parquet", "log.h5"])
-def test_native_formats_need_no_setup(tmp_path, setup, name):
-    write_native(tmp_path / name)
-    info = describe(tmp_path / name)
+    if suffix in (".csv", ".parquet"):
+        t = (log["t_joints"] - log["t_joints"][0]) * 1e-9
+        log = {"t": t, "q": log["q"], "wrench": log["wrench"][::2]}
+    path = log_files.write(tmp_path / f"log{suffix}", log)
+    info = describe(path)
     joints, wrench = info.streams
     assert joints.names == ("q0", "q1")
     assert joints.rate == pytest.approx(50)
     assert wrench.samples in (30, 60)
     assert info.verdict == "has 2 joints and a wrench"
-    assert describe(tmp_path / name, setup).verdict == "can be filtered"
+    assert describe(path, setup).verdict == "can be filtered"
 
 
 def test_trouble_is_named(tmp_path):

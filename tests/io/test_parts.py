@@ -109,12 +109,6 @@ def test_damage_anywhere_in_a_file_is_an_error_of_ours(tmp_path, setup, save):
     assert refused > 50
 
 
-def test_two_clocks_are_merged_in_memory(tmp_path, setup):
-    log = arrays()
-    np.savez(tmp_path / "log.npz", t_joints=log["t"], t_wrench=log["t"], q=log["q"], wrench=log["wrench"])
-    np.testing.assert_array_equal(open_log(tmp_path / "log.npz", setup).whole().q, log["q"])
-
-
 def spoilt(kind):
     """A log with one of the faults that are mended."""
     log = arrays()

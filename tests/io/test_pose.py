@@ -1,9 +1,7 @@
 """Recorded poses: signs, lengths, missing rows, rates of an IMU, and the same pose in every format."""
 
-import h5py
+import log_files
 import numpy as np
-import pyarrow
-import pyarrow.parquet
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -90,25 +88,19 @@ def test_specific_force_adds_up_to_the_velocity():
 
 
 @pytest.mark.parametrize(
-    ("spoil", "words"),
+    ("orientation", "place", "value", "words"),
     [
-        (lambda q: q.__setitem__((7, slice(None)), q[7] * 2), "orientation: sample 7 is no quaternion of length one"),
-        (lambda q: q.__setitem__((7, 0), np.inf), "orientation: sample 7 is no quaternion of length one"),
+        ("quaternion_wxyz", 7, [2, 0, 0, 0], "sample 7 is no quaternion of length one"),
+        ("quaternion_wxyz", (7, 0), np.inf, "sample 7 is no quaternion of length one"),
+        ("matrix", slice(None), np.diag([1.0, 1, -1]), "sample 0 is no rotation matrix"),
     ],
 )
-def test_rows_that_are_no_rotation_are_named(tmp_path, spoil, words):
-    quaternion = turning()
-    spoil(quaternion)
-    np.savez(tmp_path / "log.npz", t=0.1 * np.arange(COUNT), orientation=quaternion, wrench=np.ones((COUNT, 6)))
-    with pytest.raises(LogError, match=words):
-        read_log(tmp_path / "log.npz", setup_of(linear="none", orientation="quaternion_wxyz"))
-
-
-def test_matrices_that_turn_nothing_are_named(tmp_path):
-    matrices = np.tile(np.diag([1.0, 1, -1]), (COUNT, 1, 1))
-    np.savez(tmp_path / "log.npz", t=0.1 * np.arange(COUNT), orientation=matrices, wrench=np.ones((COUNT, 6)))
-    with pytest.raises(LogError, match="orientation: sample 0 is no rotation matrix"):
-        read_log(tmp_path / "log.npz", setup_of(linear="none", orientation="matrix"))
+def test_rows_that_are_no_rotation_are_named(tmp_path, orientation, place, value, words):
+    recorded = np.zeros((COUNT, 3, 3)) if orientation == "matrix" else turning()
+    recorded[place] = value
+    np.savez(tmp_path / "log.npz", t=0.1 * np.arange(COUNT), orientation=recorded, wrench=np.ones((COUNT, 6)))
+    with pytest.raises(LogError, match=f"orientation: {words}"):
+        read_log(tmp_path / "log.npz", setup_of(linear="none", orientation=orientation))
 
 
 def test_arrays_that_are_missing_are_named(tmp_path):
@@ -122,31 +114,13 @@ def test_arrays_that_are_missing_are_named(tmp_path):
         read_log(tmp_path / "log.npz", setup_of(orientation="quaternion_wxyz"))
 
 
-@pytest.mark.parametrize("kind", ["csv", "parquet", "h5"])
-def test_every_format_has_poses(tmp_path, kind):
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".h5"])
+def test_every_format_has_poses(tmp_path, suffix):
     rng = np.random.default_rng(0)
-    arrays = {
-        "t": 0.1 * np.arange(COUNT),
-        "orientation": turning()[:, [1, 2, 3, 0]],
-        "position": rng.normal(size=(COUNT, 3)),
-        "angular_velocity": rng.normal(size=(COUNT, 3)),
-        "wrench": rng.normal(size=(COUNT, 6)),
-    }
-    setup = setup_of()
-    np.savez(tmp_path / "log.npz", **arrays)
-    names = ["t", "qx", "qy", "qz", "qw", "x", "y", "z", "wx", "wy", "wz", "fx", "fy", "fz", "tx", "ty", "tz"]
-    table = dict(zip(names, np.column_stack(list(arrays.values())).T, strict=True))
-    path = tmp_path / f"log.{kind}"
-    if kind == "csv":
-        rows = np.column_stack(list(table.values()))
-        np.savetxt(path, rows, "%.17g", ",", header=",".join(names), comments="")
-    elif kind == "parquet":
-        pyarrow.parquet.write_table(pyarrow.table(table), path)
-    else:
-        with h5py.File(path, "w") as root:
-            for name, values in arrays.items():
-                root[name] = values
-    logs = (read_log(file, setup)[:5] for file in (path, tmp_path / "log.npz"))  # the arrays
+    widths = {"position": 3, "angular_velocity": 3, "wrench": 6}
+    arrays = {"t": 0.1 * np.arange(COUNT), "orientation": turning()[:, [1, 2, 3, 0]]}
+    arrays |= {name: rng.normal(size=(COUNT, width)) for name, width in widths.items()}
+    logs = (read_log(log_files.write(tmp_path / f"log{s}", arrays), setup_of())[:5] for s in (suffix, ".npz"))
     for got, expected in zip(*logs, strict=True):
         np.testing.assert_allclose(got, expected, rtol=1e-12)
 

@@ -98,25 +98,6 @@ def test_one_file_of_several_says_what_is_missing(tmp_path, names, columns, word
     assert not info.usable
 
 
-def test_joints_in_whole_microseconds_are_shown_with_their_unit(tmp_path):
-    np.savez(tmp_path / "log.npz", t=(1.7e15 + T * 1e6).astype(np.int64), q=Q, wrench=WRENCH)
-    info = describe(tmp_path / "log.npz")
-    assert [stream.name for stream in info.streams] == ["joints", "wrench"]
-    assert stated(info) == {"log": {"time_unit": "us"}}
-    assert "--robot NAME" in info.verdict
-
-
-def test_a_parquet_file_is_looked_at_like_a_csv_file(tmp_path):
-    arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
-    quaternion = TURNED.as_quat()
-    columns = {"t": (1.7e15 + T * 1e6).astype(np.int64), **dict(zip(NAMES, WRENCH.T, strict=True))}
-    columns |= {name: quaternion[:, i] for i, name in enumerate(["qx", "qy", "qz", "qw"])}
-    parquet.write_table(arrow.table(columns), tmp_path / "log.parquet")
-    info = describe(tmp_path / "log.parquet")
-    assert info.streams[0].kind == "quaternion_xyzw"
-    assert stated(info)["log"] == {"time_unit": "us"}
-
-
 def test_the_usual_log_needs_no_guess(tmp_path):
     np.savez(tmp_path / "log.npz", t=T, q=Q, wrench=WRENCH)
     table = look(str(tmp_path / "log.npz"))

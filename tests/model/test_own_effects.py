@@ -13,7 +13,7 @@ from ftbias_jax.filtering.verbs.from_setup import filter_log
 from ftbias_jax.io import read_log
 from ftbias_jax.model import own_effects as loading
 from ftbias_jax.model.effects import compose
-from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue, OwnValues, catalogue_of, values_of
+from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue, OwnValues, values_of
 from ftbias_jax.model.effects.fitting import ByJoint, Entries, Fitting, Grid, Linear, Samples, Settling
 from ftbias_jax.model.effects.types import Effect, Parameter
 from ftbias_jax.model.own_effects import catalogue_of_setup, catalogue_with, fault_of, load_effects
@@ -43,14 +43,14 @@ def file(tmp_path):
     return path
 
 
-def test_a_file_gives_the_effects_that_it_names(file):
+def test_a_file_gives_the_effects_that_it_names(file, tmp_path):
+    """A list in the file decides which, and in which order."""
     assert [effect.name for effect in load_effects(file)] == ["hose_drag"]
-
-
-def test_a_list_in_the_file_decides_which_and_in_which_order(file):
     copies = [f"HOSE_DRAG._replace(name={name!r})" for name in ("b", "a")]
     file.write_text(own_effects.HOSE + f"EFFECTS = [{', '.join(copies)}]\n")
     assert [effect.name for effect in load_effects(str(file))] == ["b", "a"]
+    with pytest.raises(UsageError, match="is no file"):
+        load_effects(tmp_path / "missing.py")
 
 
 @pytest.mark.parametrize(
@@ -67,11 +67,6 @@ def test_a_file_that_cannot_be_run_is_told_with_its_line(tmp_path, code, message
     path.write_text(code)
     with pytest.raises(UsageError, match=message):
         load_effects(path)
-
-
-def test_what_is_no_file_is_told(tmp_path):
-    with pytest.raises(UsageError, match="is no file"):
-        load_effects(tmp_path / "missing.py")
 
 
 def test_an_installed_package_is_run_only_if_it_is_named(monkeypatch):
@@ -139,15 +134,10 @@ def test_catalogues_of_the_same_entries_share_what_is_compiled():
     assert catalogue_with([]) is CATALOGUE
 
 
-def test_values_of_built_in_effects_stay_plain():
-    catalogue = catalogue_with([SIMPLE])
-    assert type(values_of({"gain": {"gain": np.ones(6)}}, catalogue)) is dict
-    assert catalogue_of({"gain": {}}) is CATALOGUE
-
-
 def test_values_keep_their_catalogue_through_a_compiled_function():
     catalogue = catalogue_with([SIMPLE])
     values = values_of({"simple": {"shift": 2.0}}, catalogue)
+    assert type(values_of({"gain": {"gain": np.ones(6)}}, catalogue)) is dict  # of built-in effects they stay plain
     doubled = jax.jit(lambda values: jax.tree.map(lambda x: 2 * x, values))(values)
     assert isinstance(doubled, OwnValues)
     assert doubled.catalogue is catalogue

@@ -4,7 +4,7 @@ import pytest
 from ftbias_jax.errors import SetupError
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.model.params import params_from_setup
-from ftbias_jax.setup import dump_setup, parse_setup
+from ftbias_jax.setup import parse_setup
 
 SETUP = {
     "robot": {"model": "panda"},
@@ -24,6 +24,7 @@ def test_vibration_of_the_setup_is_noise_of_the_filter_and_no_effect(rows):
     assert params.effects is None
     np.testing.assert_allclose(params.bias.vibration, np.broadcast_to(variance, (7, 6)))
     assert params_with({}).bias.vibration is None
+    assert list(params_with({"vibration": {"variance": [0.1] * 6}, "gain": {"gain": 1.05}}).effects) == ["gain"]
 
 
 def test_the_speed_from_which_vibration_grows_with_the_speed_alone_is_known_to_the_filter():
@@ -39,16 +40,6 @@ def test_the_speed_from_which_vibration_grows_with_the_speed_alone_is_known_to_t
         params_with({"vibration": {"variance": rows.tolist(), "speed": 0.0}})
 
 
-def test_other_effects_stay():
-    params = params_with({"vibration": {"variance": [0.1] * 6}, "gain": {"gain": 1.05}})
-    assert list(params.effects) == ["gain"]
-
-
 def test_rows_must_fit_the_joints():
     with pytest.raises(SetupError, match=r"vibrating\.toml: effects\.vibration\.variance: has 3 rows.*7 joints"):
         params_with({"vibration": {"variance": [[0.1] * 6] * 3}})
-
-
-def test_vibration_survives_the_way_to_a_file():
-    setup = parse_setup(SETUP | {"effects": {"vibration": {"variance": [[0.1] * 6] * 7}}}, "vibrating.toml")
-    assert "[effects.vibration]" in dump_setup(setup)

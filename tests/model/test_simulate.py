@@ -1,6 +1,5 @@
 import json
 import time
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +13,7 @@ from ftbias_jax.model.effects.types import Model
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate import simulate, temperature_course
 from ftbias_jax.model.trajectories import excitation_sines, working_range
-from ftbias_jax.model.wrench.tool_wrench import measurement_covariance, motion_and_wrench, tool_parameters
+from ftbias_jax.model.wrench.tool_wrench import measurement_covariance
 from ftbias_jax.setup import parse_setup
 from ftbias_jax.setup.robots import BUILT_IN
 
@@ -115,64 +114,6 @@ def test_simulation_keeps_single_precision(params, trajectory):
     log = simulate(jax.random.key(2), *single)
     assert all(x.dtype == jnp.float32 for x in log)
     assert all(jnp.isfinite(x).all() for x in log)
-
-
-# MuJoCo computes the same wrench by its own equations.
-
-
-def mujoco_model(mujoco, arm, gravity, mass, center_of_mass, inertia):
-    """The arm as MuJoCo bodies whose frames all coincide with the base at q = 0."""
-
-    def numbers(values):
-        return " ".join(f"{float(x):.17g}" for x in np.ravel(values))
-
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, np.asarray(arm.zero_rotation).ravel())
-    joints = []
-    for v, s in zip(np.asarray(arm.linear), np.asarray(arm.angular), strict=True):
-        kind, axis = ("hinge", s) if np.any(s) else ("slide", v)
-        joints.append(f'<joint type="{kind}" axis="{numbers(axis)}" pos="{numbers(np.cross(s, v))}"/>')
-    link = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
-    xx, xy, xz, yy, yz, zz = inertia
-    tool = (
-        f'<body pos="{numbers(arm.zero_position)}" quat="{numbers(quaternion)}"><site name="sensor"/>'
-        f'<inertial pos="{numbers(center_of_mass)}" mass="{mass}" '
-        f'fullinertia="{numbers([xx, yy, zz, xy, xz, yz])}"/></body>'
-    )
-    bodies = tool
-    for joint in reversed(joints):
-        bodies = f"<body>{link}{joint}{bodies}</body>"
-    return mujoco.MjModel.from_xml_string(
-        f'<mujoco><compiler angle="radian"/><option gravity="{numbers(gravity)}"/><worldbody>{bodies}</worldbody>'
-        '<sensor><force site="sensor"/><torque site="sensor"/></sensor></mujoco>'
-    )
-
-
-@pytest.mark.parametrize("which", ["panda", "random"])
-def test_the_wrench_is_that_of_mujocos_sensors(which, panda, params):
-    mujoco = pytest.importorskip("mujoco")
-    arm = panda if which == "panda" else params.arm
-    gravity = jnp.array([0.3, -0.5, -9.7])
-    sheet = (0.9, np.array([0.01, -0.02, 0.06]), np.array([2.5e-3, 1e-4, -2e-4, 2.2e-3, 3e-4, 1.9e-3]))
-    theta = tool_parameters(*(jnp.asarray(x) for x in sheet))
-    model = mujoco_model(mujoco, arm, gravity, *sheet)
-    data = mujoco.MjData(model)
-    n = arm.linear.shape[0]
-    motion = excitation_sines(jax.random.key(5), jnp.linspace(0, 8, 60), jnp.zeros(n), jnp.full(n, 1.5))
-    ours = np.asarray(jax.vmap(partial(motion_and_wrench, arm, gravity, theta))(motion.q, motion.dq, motion.ddq)[1])
-    theirs = []
-    for q, dq, ddq in zip(motion.q, motion.dq, motion.ddq, strict=True):
-        data.qpos, data.qvel = np.asarray(q), np.asarray(dq)
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        data.qacc = np.asarray(ddq)
-        mujoco.mj_rnePostConstraint(model, data)
-        mujoco.mj_sensorAcc(model, data)
-        theirs.append(np.array(data.sensordata))
-    theirs = np.array(theirs)
-    for rows in (slice(0, 3), slice(3, 6)):
-        scale = np.abs(theirs[:, rows]).max()
-        np.testing.assert_allclose(ours[:, rows] / scale, theirs[:, rows] / scale, atol=1e-6)
 
 
 @pytest.mark.parametrize("robot", BUILT_IN)

@@ -72,25 +72,6 @@ def assert_equal(a, b):
                 np.testing.assert_array_equal(x, y)
 
 
-def test_defaults():
-    setup = parse_setup(minimal())
-    np.testing.assert_array_equal(setup.robot.gravity, [0, 0, -9.81])
-    np.testing.assert_array_equal(setup.sensor.translation, np.zeros(3))
-    np.testing.assert_array_equal(setup.sensor.rotation, np.eye(3))
-    assert setup.sensor.reports == "wrench_on_tool"
-    np.testing.assert_array_equal(setup.tool.inertia, np.zeros(6))
-    np.testing.assert_array_equal(setup.bias.noise_density, [2e-4] * 3 + [1e-5] * 3)
-    np.testing.assert_array_equal(setup.bias.initial_std, [5] * 3 + [0.5] * 3)
-    np.testing.assert_array_equal(setup.bias.initial_drift_std, [0.01] * 3 + [5e-4] * 3)
-    np.testing.assert_array_equal(setup.bias.initial, np.zeros(6))
-    np.testing.assert_array_equal(setup.bias.initial_drift, np.zeros(6))
-    assert setup.joints.model == "integrated_jerk"
-    assert setup.joints.process_noise_density is None
-    np.testing.assert_array_equal(setup.joints.initial_std, [1, 1, 10])
-    assert setup.log.columns == {}
-    assert setup.effects == {}
-
-
 def test_every_array_is_float64_and_read_only():
     setup = parse_setup({**minimal(), "robot": screw_robot()})
     for part in (setup.robot, setup.sensor, setup.tool, setup.bias, setup.joints):
@@ -102,50 +83,23 @@ def test_every_array_is_float64_and_read_only():
 
 
 @pytest.mark.parametrize(
-    ("given", "expected"),
-    [(2, [2] * 6), ([1, 2], [1, 1, 1, 2, 2, 2]), ([1, 2, 3, 4, 5, 6], [1, 2, 3, 4, 5, 6])],
+    ("path", "given", "expected"),
+    [
+        ("bias.noise_density", 2, [2] * 6),
+        ("bias.noise_density", [1, 2], [1, 1, 1, 2, 2, 2]),
+        ("bias.noise_density", [1, 2, 3, 4, 5, 6], [1, 2, 3, 4, 5, 6]),
+        ("joints.position_noise_std", 1e-4, [1e-4] * 7),
+        ("data_noise.linear_acceleration", 0.2, [0.2] * 3),
+    ],
 )
-def test_six_axes_from_one_number_a_pair_or_six(given, expected):
-    np.testing.assert_array_equal(parse_setup(with_value("bias.noise_density", given)).bias.noise_density, expected)
+def test_one_number_or_a_pair_stands_for_all_axes(path, given, expected):
+    section, key = path.split(".")
+    np.testing.assert_array_equal(getattr(getattr(parse_setup(with_value(path, given)), section), key), expected)
 
 
-@pytest.mark.parametrize(("given", "expected"), [(1e-4, [1e-4] * 7), ([1, 2, 3, 4, 5, 6, 7], [1, 2, 3, 4, 5, 6, 7])])
-def test_joints_from_one_number_or_n(given, expected):
-    joints = parse_setup(with_value("joints.position_noise_std", given)).joints
-    np.testing.assert_array_equal(joints.position_noise_std, expected)
-
-
-def test_noise_beyond_white_is_taken_from_the_log_unless_it_is_stated():
-    setup = parse_setup(minimal())
-    assert setup.bias.adapt is True
-    assert setup.bias.drift_time is None
-    assert setup.sensor.correlated_std is None
-    assert setup.sensor.correlated_time is None
-
-
-def stated_noise():
-    """The minimal setup with all that can be stated of noise."""
-    tables = minimal()
-    tables["sensor"] |= {"correlated_std": [0.3, 0], "correlated_time": 2.5}
-    tables["bias"] = {"drift_time": [100, 20.0], "adapt": False, "gate": 5}
-    return tables
-
-
-def test_correlated_noise_and_a_drift_that_reverts_can_be_stated():
-    setup = parse_setup(stated_noise())
-    np.testing.assert_array_equal(setup.sensor.correlated_std, [0.3] * 3 + [0] * 3)
-    np.testing.assert_array_equal(setup.sensor.correlated_time, [2.5] * 6)
-    np.testing.assert_array_equal(setup.bias.drift_time, [100] * 3 + [20] * 3)
-    assert setup.bias.adapt is False
-
-
-@pytest.mark.parametrize("tables", [minimal(), stated_noise()], ids=["minimal", "stated"])
-def test_stated_noise_comes_back_and_what_is_not_stated_is_not_written(tables):
-    setup = parse_setup(tables)
-    text = dump_setup(setup)
-    assert_equal(parse_setup(tomllib.loads(text)), setup)
-    for key in ("correlated_std", "correlated_time", "drift_time", "adapt"):
-        assert (f"\n{key} = " in text) == (key in {**tables["sensor"], **tables.get("bias", {})})
+@pytest.mark.parametrize("values", [{}, {"linear_acceleration": 0}, {"entries": [0] * 36}])
+def test_no_noise_of_the_model_s_data_or_zeros_are_none(values):
+    assert parse_setup({**minimal(), "data_noise": values}).data_noise is None
 
 
 @pytest.mark.parametrize("key", ["correlated_std", "correlated_time"])
@@ -153,22 +107,8 @@ def test_correlated_noise_needs_both_its_size_and_its_time(key):
     fails(with_value(f"sensor.{key}", 0.3), f"sensor.{key}: stands alone", "correlated_std and correlated_time")
 
 
-@pytest.mark.parametrize(
-    ("section", "change", "what"),
-    [
-        ("sensor", {"correlated_std": -0.1, "correlated_time": 1}, "sensor.correlated_std: got -0.1"),
-        ("sensor", {"correlated_std": 0.1, "correlated_time": 0}, "sensor.correlated_time: got 0"),
-        ("sensor", {"correlated_std": [0.1] * 3, "correlated_time": 1}, "sensor.correlated_std: has 3 numbers"),
-        ("bias", {"drift_time": 0}, "bias.drift_time: got 0"),
-        ("bias", {"drift_time": float("inf")}, "bias.drift_time: got inf"),
-        ("bias", {"adapt": "no"}, "bias.adapt: expected true or false"),
-        ("bias", {"adapt": 0}, "bias.adapt: expected true or false"),
-    ],
-)
-def test_mistakes_in_stated_noise_are_named(section, change, what):
-    tables = minimal()
-    tables[section] = {**tables.get(section, {}), **change}
-    fails(tables, what)
+def test_noise_of_the_data_is_stated_by_its_entries_or_its_parts():
+    fails({**minimal(), "data_noise": {"entries": [1] * 36, "angular_velocity": 1}}, "excluded by data_noise.entries")
 
 
 def test_screw_robot():
@@ -184,19 +124,6 @@ def test_rounded_axes_are_normalised_exactly():
     robot["joints"][0]["axis"] = [0.81342, 0.3427, 0.47002]
     screws = parse_setup({**minimal(), "robot": robot}).robot.screws
     assert np.linalg.norm(screws[0, 3:]) == pytest.approx(1, abs=2e-16)
-
-
-def test_joint_names_of_a_built_in_robot_can_be_replaced():
-    names = [f"left_{i}" for i in range(7)]
-    assert parse_setup(with_value("robot.joint_names", names)).robot.joint_names == tuple(names)
-
-
-def test_log_columns_and_effects_are_kept():
-    tables = with_value("effects.warmup.tau", 60.0)
-    tables["log"] = {"columns": {"time": "stamp", "wrench": list("abcdef")}}
-    setup = parse_setup(tables)
-    assert setup.effects == {"warmup": {"tau": 60.0}}
-    assert setup.log.columns == {"time": "stamp", "wrench": tuple("abcdef")}
 
 
 MISTAKES = [
@@ -248,6 +175,7 @@ MISTAKES = [
     ("robot.joint_names", ["a"], "robot.joint_names: has 1 names", "give 7"),
     ("robot.joint_names", ["a"] * 7, "robot.joint_names: the name 'a' is there twice", "different names"),
     ("robot.joint_names", 7, "robot.joint_names: expected a list of strings, got 7", "give 7 names"),
+    ("data_noise.entries", [1] * 35, "data_noise.entries: has 35 numbers", "give 36 numbers, each 0 or more"),
     ("log.columns.time", ["t"], "log.columns.time: expected a string", '"..."'),
     ("log.columns.wrench", list("abc"), "log.columns.wrench: has 3 names", "give 6"),
 ]
@@ -302,16 +230,12 @@ def test_mistakes_in_joints_are_named(joint, what, remedy):
         ({"joints": 3}, "robot.joints: expected tables, got 3", "one [[robot.joints]] per joint"),
         ({"joint_names": ["a", "b"]}, "robot.joint_names: belongs to robot.model", "name = ..."),
         ({"flange": {}}, "robot.flange.translation: missing key", "give 3 numbers"),
+        ({"flange": None}, "robot.flange: missing section", "add [robot.flange]"),
     ],
 )
 def test_mistakes_in_screw_robots_are_named(change, what, remedy):
-    fails({**minimal(), "robot": {**screw_robot(), **change}}, what, remedy)
-
-
-def test_missing_flange_is_named():
-    robot = screw_robot()
-    del robot["flange"]
-    fails({**minimal(), "robot": robot}, "robot.flange: missing section", "add [robot.flange]")
+    robot = {key: value for key, value in {**screw_robot(), **change}.items() if value is not None}
+    fails({**minimal(), "robot": robot}, what, remedy)
 
 
 @pytest.mark.parametrize(
@@ -352,14 +276,10 @@ def test_real_setups_load(shared_data):
     assert_equal(parse_setup(tomllib.loads(dump_setup(abb))), abb)
 
 
-def test_dump_of_a_built_in_robot_names_the_model():
-    text = dump_setup(parse_setup(minimal()))
-    assert 'model = "panda"' in text
-    assert "axis" not in text
-
-
-def test_dump_of_a_corrected_built_in_robot_writes_the_screws():
+def test_a_built_in_robot_is_written_by_its_model_and_a_corrected_one_by_its_screws():
     setup = parse_setup(minimal())
+    assert 'model = "panda"' in dump_setup(setup)
+    assert "axis" not in dump_setup(setup)
     robot = dataclasses.replace(setup.robot, flange_translation=setup.robot.flange_translation + 0.001)
     again = parse_setup(tomllib.loads(dump_setup(dataclasses.replace(setup, robot=robot))))
     assert again.robot.model == "screws"
@@ -368,10 +288,11 @@ def test_dump_of_a_corrected_built_in_robot_writes_the_screws():
     assert again.robot.joint_names == robot.joint_names
 
 
-def test_dump_appends_comments_to_their_lines():
-    setup = dataclasses.replace(parse_setup(minimal()), comments={"tool.mass": "fitted\nwas 0.73"})
-    lines = dump_setup(setup).splitlines()
+def test_units_and_comments_stand_behind_their_numbers():
+    setup = parse_setup(with_value("data_noise.linear_acceleration", 0.2))
+    lines = dump_setup(dataclasses.replace(setup, comments={"tool.mass": "fitted\nwas 0.73"})).splitlines()
     assert "mass = 0.7  # kg; fitted was 0.73" in lines
+    assert "linear_acceleration = 0.2  # m/s^2, standard deviation" in lines
 
 
 numbers = st.floats(-1e3, 1e3)

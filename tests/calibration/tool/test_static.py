@@ -130,9 +130,3 @@ def test_turns_of_the_sensor_and_of_gravity_are_found_with_the_tool():
     miss, spread = errors(found)
     assert (np.abs(miss) < 4 * spread).all()
     assert (std[4:7] < 0.02).all()
-
-
-def test_columns_of_the_weight_are_derivatives_of_the_wrench():
-    s = np.array([[1.0, -2.0, 9.0]])
-    wrench = static.weight_columns(s)[0] @ np.r_[MASS, MASS * CENTER]
-    np.testing.assert_allclose(wrench, np.r_[MASS * s[0], np.cross(MASS * CENTER, s[0])], rtol=1e-12)

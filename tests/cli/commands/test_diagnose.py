@@ -80,16 +80,24 @@ def test_a_setup_that_predicts_worse_is_written_by_force_alone(folder, calls, mo
     assert (folder / "fixed.toml").exists()
 
 
-def test_a_value_that_no_setup_may_have_costs_no_other_output(folder, calls, make_diagnosis, monkeypatch, capsys):
-    wild = make_diagnosis().causes[0]._replace(effect="gain", parameters={"gain": [-1.078] * 6}, stderr={})
+@pytest.mark.parametrize("other", [[], [("tool_mass", {"mass": 0.8})]], ids=["alone", "beside one that can be applied"])
+def test_a_value_that_no_setup_can_state_costs_no_output(
+    folder, calls, make_diagnosis, make_candidate, monkeypatch, capsys, other
+):
+    found = [("gain", {"gain": [-1.078] * 6}), *other]
+    causes = tuple(make_candidate(name, parameters=values, stderr={}) for name, values in found)
     module = sys.modules["ftbias_jax.diagnosis.diagnose"]
-    monkeypatch.setattr(module, "diagnose", lambda *given, **options: make_diagnosis(causes=(wild,), repairs=((),)))
+    monkeypatch.setattr(module, "diagnose", lambda *given, **options: make_diagnosis(causes=causes, repairs=((),)))
     command = "diagnose log.npz --setup setup.toml --json out.json --html out.html --apply -o fixed.toml"
     assert main(command.split()) == 1
-    assert "ftbias: not applied: " in capsys.readouterr().err
+    printed = capsys.readouterr()
+    assert printed.err.startswith("ftbias: not applied: effects.gain.gain: got [-1.078")
+    assert "wrote out.json, out.html" in printed.out
     assert json.loads((folder / "out.json").read_text())["causes"][0]["parameters"] == {"gain": [-1.078] * 6}
-    assert (folder / "out.html").exists()
-    assert not (folder / "fixed.toml").exists()
+    assert (folder / "out.html").stat().st_size > 1000
+    assert (folder / "fixed.toml").exists() == bool(other)
+    if other:
+        assert load_setup("fixed.toml").effects.keys() == {"time_delay", "tool_mass"}
 
 
 def test_without_outputs_nothing_is_written(folder, calls, capsys):

@@ -92,21 +92,20 @@ def test_the_excess_scatters_as_the_innovations_and_the_measured_noise_do(proble
     assert excess_by_chance(known) < 0.85 * np.std(logs)
 
 
-def test_one_block_that_is_far_off_shows_though_the_joints_are_known_better_than_believed(problem):
-    """Squares of 0.2 where 1 is expected, but in one block of twelve: a mean of 0.5 over the log."""
-    squares = np.where(problem.t < BLOCK_SECONDS, 3.8, 0.2)[:, None] * np.ones(6)
-    assert (excess_by_channel(problem, np.sqrt(squares)) < 0).all()
-    np.testing.assert_allclose(excess_over_quiet(problem, np.sqrt(squares)), 3.6 / 12)
-
-
-def test_what_is_left_everywhere_is_no_less_for_that(problem):
-    squares = np.where(problem.t < BLOCK_SECONDS, 2.0, 1.5)[:, None] * np.ones(6)
-    np.testing.assert_allclose(excess_over_quiet(problem, np.sqrt(squares)), 0.5 + 0.5 / 12)
-
-
-def test_channels_that_were_never_measured_have_nothing_left(problem):
+@pytest.mark.parametrize(
+    ("first_block", "elsewhere", "left"),
+    [
+        pytest.param(3.8, 0.2, 3.6 / 12, id="one block shows though the joints are known better than believed"),
+        pytest.param(2.0, 1.5, 0.5 + 0.5 / 12, id="what is left everywhere is no less for that"),
+    ],
+)
+def test_what_is_left_over_quiet_bins(problem, first_block, elsewhere, left):
+    """Where squares of 1 are expected; channels that were never measured have nothing left."""
+    error = np.sqrt(np.where(problem.t < BLOCK_SECONDS, first_block, elsewhere)[:, None] * np.ones(6))
+    assert (excess_by_channel(problem, error) < 0).all() == (elsewhere < 1)
+    np.testing.assert_allclose(excess_over_quiet(problem, error), left)
     blind = problem._replace(samples=problem.samples * [1, 1, 1, 1, 1, 0])
-    np.testing.assert_allclose(excess_over_quiet(blind, np.full((BINS, 6), 2.0)), [3, 3, 3, 3, 3, 0], atol=1e-9)
+    np.testing.assert_allclose(excess_over_quiet(blind, error), [*[left] * 5, 0], atol=1e-9)
 
 
 def test_noise_alone_leaves_less_than_an_owner_would_see(problem):

@@ -134,9 +134,6 @@ def test_a_cable_of_metres_or_anywhere_is_told_as_its_force(monkeypatch, anchor,
 def test_a_contact_that_lasts_is_doubtful(length, doubtful):
     h = Hypothesis("contact", detail=(Shaped(Event(0, 5.0, 5.0 + length), 4),), local=True)
     assert bool(doubt_of(PROBLEM, None, h)) == doubtful
-
-
-def test_other_effects_are_not_doubted():
     assert doubt_of(PROBLEM, None, Hypothesis("gain")) == ""
 
 

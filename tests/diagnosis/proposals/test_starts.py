@@ -26,35 +26,22 @@ def starts(parameter, *others):
     return np.stack(starts_of(effect, parameter, np.asarray(neutral_values(effect, MODEL)[parameter.name])))
 
 
-def test_stated_starts_are_taken():
-    stated = Parameter("place", "m", "", (3,), scale=1.0, search=True, starts=((0, 0, 1), (1, 0, 0)))
-    np.testing.assert_array_equal(starts(stated), [[0, 0, 1], [1, 0, 0]])
-
-
-def test_a_positive_parameter_is_searched_by_factors_between_its_bounds():
-    found = starts(Parameter("tau", "s", "", (), 0.1, 100.0, 1.0, 1.0, search=True), SIZE)
-    assert found[0] == pytest.approx(0.1)
-    assert found[-1] == pytest.approx(100.0)
+@pytest.mark.parametrize(
+    ("least", "most", "first", "last"), [(0.1, 100.0, 0.1, 100.0), (1e-6, 1e6, 0.1, 10.0)], ids=["bounds", "no hint"]
+)
+def test_a_positive_parameter_is_searched_by_factors_between_its_bounds(least, most, first, last):
+    found = starts(Parameter("tau", "s", "", (), least, most, 1.0, 1.0, search=True), SIZE)
+    np.testing.assert_allclose(found[[0, -1]], [first, last])
     np.testing.assert_allclose(found[1:] / found[:-1], found[1] / found[0])
 
 
-def test_wide_bounds_are_no_hint():
-    found = starts(Parameter("tau", "s", "", (), 1e-6, 1e6, 1.0, 1.0, search=True), SIZE)
-    assert found[0] == pytest.approx(0.1)
-    assert found[-1] == pytest.approx(10.0)
-
-
-def test_a_whole_number_is_searched_one_by_one():
-    np.testing.assert_array_equal(
-        starts(Parameter("joint", "1", "", (), 1, 7, 1.0, 0.0, search=True), SIZE), range(1, 8)
-    )
-
-
-def test_a_place_is_searched_around_neutral_within_its_bounds():
+def test_stated_starts_are_taken_and_whole_numbers_and_places_searched_within_their_bounds():
+    stated = Parameter("place", "m", "", (3,), scale=1.0, search=True, starts=((0, 0, 1), (1, 0, 0)))
+    np.testing.assert_array_equal(starts(stated), [[0, 0, 1], [1, 0, 0]])
+    joint = Parameter("joint", "1", "", (), 1, 7, 1.0, 0.0, search=True)
+    np.testing.assert_array_equal(starts(joint, SIZE), range(1, 8))
     found = starts(Parameter("place", "m", "", (3,), -0.1, 5.0, 0.0, 0.3, search=True), SIZE)
-    assert len(found) == 7
-    assert found.min() == -0.1
-    assert found.max() == 0.3
+    assert (len(found), found.min(), found.max()) == (7, -0.1, 0.3)
 
 
 @pytest.fixture(scope="module")
@@ -112,13 +99,8 @@ def test_an_own_effect_is_named_with_its_parameter(diagnosis):
     assert (diagnosis.verdict, cause.effect, cause.stage) == ("explained", "hose_drag", "environment")
     assert abs(cause.parameters["coefficient"] - 4.0) < 3 * cause.stderr["coefficient"] < 0.6
     assert diagnosis.candidates[0].effect == "hose_drag"
-
-
-def test_it_is_told_like_a_built_in_one(diagnosis):
-    text = str(diagnosis)
-    assert "A hose drags at the tool" in text
-    assert "N s/m" in text
-    assert "what to do: route the hose so that it moves freely" in text
+    for words in ("A hose drags at the tool", "N s/m", "what to do: route the hose so that it moves freely"):
+        assert words in str(diagnosis)
 
 
 def test_the_setup_that_is_made_filters_it_away(diagnosis, dragged, hose, tmp_path):

@@ -201,14 +201,6 @@ def test_the_number_of_the_joint_stands_with_every_effect_of_one(make_diagnosis,
     assert html.count("encoder_offset (joint 4)") == 5  # cause, remedy, plot with its description, table
 
 
-def test_units_read_as_they_are_printed(make_diagnosis, make_candidate):
-    cause = make_candidate(parameters={"inertia": 0.002, "gain": 1.1}, units={"inertia": "kg m^2", "gain": "1"})
-    html = to_html(make_diagnosis(causes=(cause,)), "a log")
-    assert "0.002 kg m²</td>" in html
-    assert "<td>1.1</td>" in html
-    assert "^" not in Page(html).text
-
-
 def test_the_plot_against_the_cause_has_the_bias_refitted(make_diagnosis):
     base = make_diagnosis()
     [series] = base.series

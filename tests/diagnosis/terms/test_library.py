@@ -57,10 +57,3 @@ def test_gains_of_a_whole_grid_are_those_of_each_terms_columns(problem, state, s
         scale = np.abs(expected.normal).max()
         np.testing.assert_allclose(found.normal, expected.normal, atol=1e-5 * scale, err_msg=str(term))
         np.testing.assert_allclose(found.pull, expected.pull, atol=1e-5 * np.sqrt(scale * BINS), err_msg=str(term))
-
-
-def test_arms_are_torques_of_forces_a_metre_off():
-    forces = np.random.default_rng(0).normal(size=(5, 2, 3))
-    for axis in range(3):
-        expected = np.cross(np.eye(3)[axis], forces)
-        np.testing.assert_allclose(_arms(forces)[:, axis::3, 3:], expected)

@@ -49,9 +49,9 @@ def test_a_known_jump_of_the_bias_is_no_innovation(params, samples):
     here = jnp.cumsum(samples.dt)[17]
     knowing = params._replace(effects={"bias_jump": {"time": here, "amplitude": jump}})
     jumped = samples._replace(wrench=samples.wrench.at[17:].add(-jump))
-    _, (states, infos) = pipeline.run(knowing, pipeline.init(params, jumped), jumped, emit=pipeline.keep_all)
-    _, (expected, expected_infos) = pipeline.run(
-        params, pipeline.init(params, samples), samples, emit=pipeline.keep_all
+    (states, infos), (expected, expected_infos) = (
+        pipeline.run(numbers, pipeline.init(params, log), log, emit=pipeline.keep_all)[1]
+        for numbers, log in ((knowing, jumped), (params, samples))
     )
     np.testing.assert_allclose(states.bias.mean, expected.bias.mean, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(infos.wrench.value, expected_infos.wrench.value, rtol=1e-9, atol=1e-12)

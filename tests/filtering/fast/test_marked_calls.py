@@ -6,24 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from small_filters import parts, with_part
 
 from ftbias_jax.filtering import likelihood, pipeline
 from ftbias_jax.filtering.method.filter_samples import AS_STATED, METHOD, filter_samples
 from ftbias_jax.filtering.noise.blocks import Layout
 from ftbias_jax.filtering.pipeline import Options
 
-MOVING = "noise that follows the motion, and is correlated"
-PARTS = {
-    "as stated": {},
-    MOVING: {
-        "vibration": 0.3 * np.ones((3, 6)),
-        "drift_time": np.linspace(0.3, 5, 6),
-        "correlated_std": np.linspace(0.02, 0.2, 6),
-        "correlated_time": np.linspace(0.02, 1, 6),
-        "correlated_vibration": np.linspace(0, 1, 6),
-    },
-}
-PARTS["noise that is correlated"] = {name: PARTS[MOVING][name] for name in ("correlated_std", "correlated_time")}
 EFFECTS = {
     "bias_jump": {"time": 0.1, "amplitude": np.ones(6)},
     "cable": {"stiffness": 10.0, "rest_length": 0.1, "anchor": np.array([0.0, 0, 1])},
@@ -54,10 +43,9 @@ def unread(program, *arguments):
 
 
 @pytest.mark.parametrize("gate", [None, 4.0])
-@pytest.mark.parametrize("part", PARTS)
+@parts
 def test_of_filter_likelihood_and_gradient(params, samples, part, gate):
-    values = {key: jnp.asarray(x) for key, x in PARTS[part].items()}
-    params, options = params._replace(bias=params.bias._replace(**values)), Options(gate=gate)
+    params, options = with_part(params, part), Options(gate=gate)
     state = pipeline.init(params, samples)
 
     def whole(params, samples):

@@ -1,4 +1,4 @@
-"""The fast recursion and its hand-written reverse pass against the textbook filter, its autodiff and dense algebra."""
+"""The fast recursion and its hand-written reverse pass against the textbook filter and its autodiff."""
 
 from functools import partial
 
@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from small_filters import COUNT, GAP, LANES, MODELS, models, problem, sizes
+from small_filters import GAP, MODELS, models, problem, single, sizes
 
 from ftbias_jax.filtering import gaussian
-from ftbias_jax.filtering.fast.rts import smooth_track
 from ftbias_jax.filtering.fast.scan import Inputs, filter_scan, innovations
 from ftbias_jax.filtering.process_models import matrix
 from ftbias_jax.types import Gaussian
 
 seeds = st.integers(0, 2**32 - 1)
 filter_log = jax.jit(filter_scan, static_argnums=0)
-smooth_log = jax.jit(lambda model, inputs: smooth_track(model, inputs, filter_scan(model, inputs)), static_argnums=0)
 
 
 def textbook(model, inputs):
@@ -106,56 +104,7 @@ def test_the_gap_makes_a_joint_start_again():
 @pytest.mark.parametrize("model", ["integrated_jerk", "drift"])
 def test_float32_stays_float32_and_close(model):
     wide = problem(model, 1)
-    narrow = jax.tree.map(lambda x: x.astype("float32"), wide)
     tolerance = np.sqrt(np.finfo("float32").eps)
-    for got, expected in zip(filter_log(MODELS[model], narrow), filter_log(MODELS[model], wide), strict=True):
+    for got, expected in zip(filter_log(MODELS[model], single(wide)), filter_log(MODELS[model], wide), strict=True):
         assert got.dtype == jnp.float32
         np.testing.assert_allclose(got, expected, rtol=tolerance, atol=tolerance * np.abs(expected).max())
-
-
-@partial(jax.jit, static_argnums=0)
-def steps(model, dt, density):
-    """A and Q (T, k, k) of every step."""
-    return jax.vmap(lambda dt: tuple(map(matrix, MODELS[model](dt, density))))(dt)
-
-
-def posterior(model, inputs, lane):
-    """Means (T, k) and covariances (T, k, k) of one lane by conditioning one big normal distribution of all states."""
-    k, m = sizes(model)
-    A, Q = map(np.asarray, steps(model, inputs.dt, inputs.density[lane]))
-    mean, P = np.asarray(inputs.mean[:, lane]), np.asarray(inputs.covariance[..., lane])
-    means, joint = [], np.zeros((COUNT, k, COUNT, k))
-    for i in range(COUNT):
-        mean, P = A[i] @ mean, A[i] @ P @ A[i].T + Q[i]
-        means.append(mean)
-        ahead = P
-        for j in range(i, COUNT):
-            ahead = ahead if i == j else ahead @ A[j].T
-            joint[i, :, j], joint[j, :, i] = ahead, ahead.T
-    y, mean, joint = np.asarray(inputs.y[..., lane]), np.stack(means), joint.reshape(COUNT * k, COUNT * k)
-    seen = np.isfinite(y)
-    measured = (k * np.arange(COUNT)[:, None] + np.arange(m))[seen]
-    gain = joint[:, measured] @ np.linalg.inv(
-        joint[np.ix_(measured, measured)] + np.diag(np.asarray(inputs.variance[..., lane])[seen])
-    )
-    mean = mean + (gain @ (y - mean[:, :m])[seen]).reshape(COUNT, k)
-    covariance = (joint - gain @ joint[measured]).reshape(COUNT, k, COUNT, k)
-    return mean, covariance[np.arange(COUNT), :, np.arange(COUNT)]
-
-
-@models
-def test_smoothed_states_are_the_posterior_given_the_whole_log(model):
-    inputs = problem(model, 2, gap=False)._replace(restart_variance=jnp.full((sizes(model)[0], LANES), jnp.inf))
-    smoothed = smooth_log(MODELS[model], inputs)
-    for lane in range(LANES):
-        mean, covariance = posterior(model, inputs, lane)
-        np.testing.assert_allclose(smoothed.mean[..., lane], mean, rtol=1e-6, atol=1e-7)
-        np.testing.assert_allclose(smoothed.covariance[..., lane], covariance, rtol=1e-6, atol=1e-7)
-
-
-def test_what_comes_after_a_restart_says_nothing_about_before():
-    inputs = problem("integrated_jerk", 3)
-    silent = inputs._replace(y=inputs.y.at[GAP:].set(jnp.nan))
-    whole, before = (smooth_log(MODELS["integrated_jerk"], x) for x in (inputs, silent))
-    np.testing.assert_allclose(whole.mean[:GAP], before.mean[:GAP], rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(whole.covariance[:GAP], before.covariance[:GAP], rtol=1e-12, atol=1e-12)

@@ -6,10 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from small_filters import ALL, PARTS, assert_all_close, parts, with_part
 
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.pipeline import Options
+
+GATE = 40.0
+"""Standard deviations; the log's errors are not those of its parameters."""
 
 
 def outputs_of(params, samples, options, run=pipeline.run):
@@ -22,16 +26,25 @@ def outputs_of(params, samples, options, run=pipeline.run):
 by_definition = partial(outputs_of, run=pipeline.scan_steps)
 
 
-def assert_all_close(got, expected, rtol):
-    for (path, one), other in zip(jax.tree.leaves_with_path(expected), jax.tree.leaves(got), strict=True):
-        atol = rtol / 10 * np.abs(one).max()
-        np.testing.assert_allclose(other, one, rtol=rtol, atol=atol, err_msg=jax.tree_util.keystr(path))
+def touched(samples):
+    """The log with a contact, for the gate to close, and with a sensor that is set to zero after it."""
+    return samples._replace(wrench=samples.wrench.at[20:26].add(30.0), rezeroed=jnp.zeros(40).at[30].set(1.0))
 
 
-def test_the_fast_route_is_the_scan_of_steps(params, samples):
-    """With other options than the default, which comes below."""
-    expected, got = (run(params, samples, Options("acceleration", "none")) for run in (by_definition, outputs_of))
+@pytest.mark.parametrize(
+    ("part", "options"),
+    [
+        ("as stated", Options("acceleration", "none")),
+        *((part, Options()) for part in PARTS if part != "as stated"),
+        (ALL, Options(gate=GATE)),
+    ],
+)
+def test_the_fast_route_is_the_scan_of_steps(params, samples, part, options):
+    moved, log = with_part(params, part), touched(samples)
+    expected, got = (run(moved, log, options) for run in (by_definition, outputs_of))
     assert_all_close(got, expected, 1e-9)
+    assert got[2].wrench.count[:20].any()
+    assert got[2].wrench.count[20:26].any() == (options.gate is None)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -57,6 +70,20 @@ def test_and_in_the_derivative_of_every_output_in_every_parameter(params, sample
     expected, got = (with_slopes(run, params, samples, weights) for run in (by_definition, outputs_of))
     assert_all_close(got[0], expected[0], 1e-9)
     assert_all_close(got[1], expected[1], 1e-6)  # the textbook filter's own rounding, for sharp encoders
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gate", [None, GATE])
+@parts
+def test_and_in_the_gradient_of_the_likelihood_in_the_noise_of_the_bias(params, samples, part, gate):
+    """What does not pass the gate is taken as given."""
+    moved, log = with_part(params, part), touched(samples)
+
+    def nats(run, bias):
+        return run(moved._replace(bias=bias), log, Options(gate=gate))[2].log_likelihood.sum()
+
+    slow, fast = (jax.jit(jax.grad(partial(nats, run)))(moved.bias) for run in (by_definition, outputs_of))
+    assert_all_close(fast, slow, 1e-7)
 
 
 @pytest.fixture
@@ -89,14 +116,13 @@ def test_and_its_slopes(params, samples, in_chunks):
     assert_all_close(chunked.joint.prior_std, whole.joint.prior_std, 1e-6)  # these cancel, and lose digits
 
 
-@pytest.mark.slow
-def test_many_logs_are_each_log(params, samples):
-    """Under vmap a processor takes one log at a time."""
+@pytest.mark.parametrize("part", [pytest.param("as stated", marks=pytest.mark.slow), ALL])
+def test_many_logs_are_each_log(params, samples, part):
+    """Under vmap a processor takes one log at a time; XLA once ended the process at its gradients."""
     logs = [samples, samples._replace(wrench=2 * samples.wrench), samples._replace(q=samples.q + 0.1)]
     many = jax.tree.map(lambda *x: jnp.stack(x), *logs)
-    slopes = partial(jax.value_and_grad(partial(score, outputs_of)), params)
+    slopes = partial(jax.value_and_grad(partial(score, outputs_of)), with_part(params, part))
     together = jax.jit(jax.vmap(slopes))(many)
+    one = jax.jit(slopes)
     for i, log in enumerate(logs):
-        assert_all_close(
-            jax.tree.map(lambda x, i=i: x[i], together), jax.jit(slopes)(log), 1e-6
-        )  # slopes in the prior lose digits
+        assert_all_close(jax.tree.map(lambda x, i=i: x[i], together), one(log), 1e-6)  # the prior's lose digits

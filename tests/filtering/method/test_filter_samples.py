@@ -137,17 +137,6 @@ def test_slow_errors_widen_the_error_bars_to_what_they_are_worth(setup, likelies
     assert (off / last).max() > 3.5
 
 
-def test_stated_vibration_counts_once(likeliest, made):
-    """The variance of a sample contains what the setup states; the filter adds nothing to it."""
-    per_speed = jnp.asarray(np.full((3, 6), 4.0) * np.repeat([0.1, 0.004], 3) ** 2)
-    params = likeliest._replace(bias=likeliest.bias._replace(vibration=per_speed))
-    (_, _, plain), (_, states, shaken) = (
-        by_params.found_in(each, made[0], method=("smooth_joints", "filter_bias")) for each in (likeliest, params)
-    )
-    added = states.dq**2 @ np.asarray(per_speed)
-    np.testing.assert_allclose(shaken.reading_std**2, plain.reading_std**2 + added, rtol=1e-6)
-
-
 def test_the_noise_of_samples_is_what_the_log_shows(setup, made):
     """A sensor twice as noisy as stated: the innovations scatter as the filter says."""
     log, _ = made

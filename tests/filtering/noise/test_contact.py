@@ -6,7 +6,7 @@ import pytest
 from made_series import STD, blocks_of, free_motion, gauss_markov, made_blocks, stamps
 
 from ftbias_jax.filtering.method.look import contacts_in
-from ftbias_jax.filtering.noise.blocks import Layout, to_samples
+from ftbias_jax.filtering.noise.blocks import LEAST_BLOCKS, Layout, to_samples
 from ftbias_jax.filtering.noise.contact import (
     SETTLED,
     Contact,
@@ -23,10 +23,10 @@ FORCE = np.array([-5.0, 0, 0, 0, 0.2, 0])
 """N, Nm: what a contact does to the measured bias."""
 
 
-def contacts_of(t, y):
+def contacts_of(t, y, rezeroed_at=()):
     """Contacts of a series, as diagnosis finds them."""
     nothing = np.full((len(t), 6), np.nan)
-    log = Log(t, nothing, nothing, -y, nothing[:, 0])
+    log = Log(t, nothing, nothing, -y, nothing[:, 0], rezeroed_at=rezeroed_at)
     return list(contacts_in(log, 0 * y, np.zeros((len(t), 2)), np.broadcast_to(STD**2, y.shape)).contacts)
 
 
@@ -90,27 +90,57 @@ def test_a_contact_is_found_on_top_of_slow_errors():
         assert (contact.start, contact.end) == pytest.approx((17.3, 18.9), abs=0.1)
 
 
-def test_two_contacts_are_two():
-    t = stamps(30, 500)
-    y = free_motion(np.random.default_rng(2), t)
-    first, second = contacts_of(t, pushed(t, y, (6.0, 7.5), (20.0, 20.4)))
-    assert (first.start, first.end, second.start, second.end) == pytest.approx((6.0, 7.5, 20.0, 20.4), abs=0.1)
+def after_a_hole(t, y):
+    return np.where(((t > 5) & (t < 9))[:, None], np.nan, y)
 
 
-def test_a_contact_at_the_end_lasts_to_the_end():
-    t = stamps(20, 500)
-    (contact,) = contacts_of(t, pushed(t, free_motion(np.random.default_rng(3), t), (17.0, 30.0)))
-    assert contact.start == pytest.approx(17.0, abs=0.1)
-    assert contact.end == pytest.approx(t[-1], abs=0.1)
+CALM = {
+    "two are two": (lambda t, y: y, (6.0, 7.5), (20.0, 20.4)),
+    "one at the end lasts to the end": (lambda t, y: y, (57.0, np.inf)),
+    "one after a bias that jumps and stays": (lambda t, y: y + 4.0 * (t > 20)[:, None], (40.0, 41.0)),
+    "one beside axes that were never measured": (
+        lambda t, y: np.where(np.isin(np.arange(6), [1, 5]), np.nan, y),
+        (8, 9),
+    ),
+    "one after a hole in the wrench": (after_a_hole, (12.0, 13.0)),
+}
 
 
-def test_a_bias_that_jumps_and_stays_is_let_through():
-    """And a contact after the jump is found from its new level."""
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("case", CALM)
+def test_what_is_no_contact_hides_none(case):
+    change, *times = CALM[case]
     t = stamps(60, 250)
-    y = free_motion(np.random.default_rng(4), t) + 4.0 * (t > 20)[:, None]
+    y = change(t, free_motion(np.random.default_rng(2), t))
     assert contacts_of(t, y) == []
-    (contact,) = contacts_of(t, pushed(t, y, (40.0, 41.0)))
-    assert (contact.start, contact.end) == pytest.approx((40.0, 41.0), abs=0.1)
+    found = contacts_of(t, pushed(t, y, *times, force=3 * FORCE))
+    expected = np.minimum(times, t[-1])
+    np.testing.assert_allclose([(contact.start, contact.end) for contact in found], expected, atol=0.1)
+    assert np.isfinite([contact.force for contact in found]).all()
+
+
+def test_a_long_push_that_moves_is_one_contact_and_what_is_slow_is_none():
+    t = stamps(20, 200)
+    error = STD * np.random.default_rng(0).normal(size=(len(t), 6))
+    error[:, 2] += 0.3 * np.sin(0.5 * t)
+    fx = np.eye(6)[0]
+    assert contacts_of(t, error + 3.0 * np.sin(0.4 * t)[:, None] * fx) == []
+    (contact,) = contacts_of(t, pushed(t, error, (5, 13), force=(8 + 4 * np.sin(3 * t))[:, None] * fx))
+    assert (contact.start, contact.end) == pytest.approx((5, 13), abs=0.1)
+
+
+def test_a_sensor_that_is_zeroed_is_not_touched():
+    t = stamps(20, 200)
+    y = pushed(t, free_motion(np.random.default_rng(3), t), (11.0, 13.0))
+    assert len(contacts_of(t, y)) == 1
+    assert contacts_of(t, y, rezeroed_at=(10.9975, 12.9975)) == []
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("count", [1, 2, 3, 10, LEAST_BLOCKS - 1])
+def test_logs_of_a_few_blocks_have_none(count):
+    t = stamps(count * 0.05, 500)
+    assert contacts_of(t, pushed(t, free_motion(np.random.default_rng(8), t), (0.5, 1.0))) == []
 
 
 def test_what_takes_most_of_a_log_is_not_trusted():
@@ -122,32 +152,6 @@ def test_what_takes_most_of_a_log_is_not_trusted():
     found = contacts_of(t, pushed(t, y, *half))
     assert len(found) == len(half)
     assert contacts_of(t, pushed(t, y, *most)) == []
-
-
-@pytest.mark.filterwarnings("error")
-def test_axes_that_were_never_measured_do_not_matter():
-    t = stamps(20, 250)
-    y = pushed(t, free_motion(np.random.default_rng(6), t), (8.0, 9.0))
-    y[:, [1, 5]] = np.nan
-    (contact,) = contacts_of(t, y)
-    assert (contact.start, contact.end) == pytest.approx((8.0, 9.0), abs=0.1)
-    assert np.isfinite(contact.force).all()
-
-
-def test_a_hole_in_the_wrench_is_no_contact():
-    t = stamps(20, 250)
-    y = free_motion(np.random.default_rng(7), t)
-    y[(t > 5) & (t < 9)] = np.nan
-    assert contacts_of(t, y) == []
-    (contact,) = contacts_of(t, pushed(t, y, (12.0, 13.0)))
-    assert (contact.start, contact.end) == pytest.approx((12.0, 13.0), abs=0.1)
-
-
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("count", [1, 2, 3, 10])
-def test_logs_of_a_few_blocks_have_none(count):
-    t = stamps(count * 0.05, 500)
-    assert contacts_of(t, free_motion(np.random.default_rng(8), t)) == []
 
 
 def test_the_usual_spread_is_measured_in_the_calm_part():

@@ -59,10 +59,13 @@ def white_blocks(seed, slow=0.0, time=1.0, count=25):
 
 def test_white_innovations_inflate_nothing():
     """Two standard deviations of chance, on six axes and three lengths: now and then by a little."""
-    factors = np.array([inflation(T, np.random.default_rng(seed).normal(size=(len(T), 6))) for seed in range(50)])
+    series = [np.random.default_rng(seed).normal(size=(len(T), 6)) for seed in range(50)]
+    factors = np.array([inflation(T, x) for x in series])
     assert (factors >= 1).all()
     assert (factors == 1).mean() > 0.85
     assert factors.max() < 2
+    white = [bool(is_white(x)) for x in series] & (factors == 1).all(1)
+    assert white.mean() > 0.4  # the rest is searched for slow errors, and none are found
 
 
 def test_correlated_innovations_inflate_by_what_their_means_scatter_more():
@@ -83,29 +86,6 @@ def test_one_axis_inflates_itself_alone():
     assert factor[3] > 1.5
     assert (np.delete(factor, 3) < 1.4).all()
     assert (factor > 1).any()
-
-
-def test_white_noise_is_white():
-    series = [np.random.default_rng(seed).normal(size=(len(T), 6)) for seed in range(50)]
-    white = [bool(is_white(x)) and bool((inflation(T, x) == 1).all()) for x in series]
-    assert np.mean(white) > 0.4  # the rest is searched for slow errors, and none are found
-
-
-def test_a_log_as_stated_shows_nothing(stated):
-    for seed in range(4):
-        noise = noise_of_log(white_blocks(seed), stated)
-        assert noise.contacts == ()
-        assert noise.slow is None or not noise.slow.std.any()
-        assert not noise.vibration.per_speed.any()
-        assert not noise.offset.any()
-        assert (noise.inflation < 1.6).all()
-
-
-def test_slow_errors_of_a_log_are_found(stated):
-    noise = noise_of_log(white_blocks(0, slow=1.0), stated)
-    assert noise.contacts == ()
-    assert (np.abs(np.log(noise.slow.std / STD)) < np.log(2)).all()
-    assert (noise.inflation < 1.6).all()  # the rest is white
 
 
 def test_what_the_setup_states_is_kept(stated):

@@ -1,17 +1,13 @@
 """The compiled fit of a variance against scipy's bounded optimiser, and against the equations that it solves."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import minimize, nnls
 
 from ftbias_jax.filtering.noise.scatter import (
     HEAVY,
-    LEAST_LEVEL,
     Scatter,
-    _non_negative,
-    log_likelihood,
     maximise,
     variance_of,
 )
@@ -82,21 +78,3 @@ def test_what_does_not_move_adds_nothing():
     np.testing.assert_array_equal(found.per_speed[0], 0)
     np.testing.assert_array_equal(found.per_speed[1, ..., 1], 0)
     assert (np.asarray(found.per_speed)[1, 0, [0, 1, 2, 3, 5], 0] > 0).any()
-
-
-def test_a_variance_is_never_zero():
-    data = data_of(1, 1)
-    nothing = jax.tree.map(jnp.zeros_like, fit(data, 1))
-    mu = variance_of(data, nothing)
-    np.testing.assert_allclose(mu[0, 0], LEAST_LEVEL * 1e-3 * data.stated[0])
-    assert np.isfinite(log_likelihood(data, mu)).all()
-
-
-def test_least_squares_that_are_not_negative_are_those_of_scipy():
-    rng = np.random.default_rng(2)
-    A, b = rng.normal(size=(5, 30, 4)), rng.normal(size=(5, 30))
-    matrix, right = jnp.asarray(np.einsum("fna,fnb->abf", A, A)), jnp.asarray(np.einsum("fna,fn->af", A, b))
-    found = jnp.zeros((4, 5))
-    for _ in range(20):
-        found = _non_negative(matrix, right, found)
-    np.testing.assert_allclose(found.T, [nnls(*pair)[0] for pair in zip(A, b, strict=True)], atol=1e-9)

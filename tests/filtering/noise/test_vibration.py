@@ -111,32 +111,31 @@ def test_white_noise_does_not_vibrate():
         np.testing.assert_array_equal(found.variance(blocks, STD**2), blocks.stated)
 
 
-@pytest.mark.parametrize("factor", [0.5, 1.5])
+@pytest.mark.parametrize("factor", [0.25, 2.25, np.array([1, 1, 4, 1, 1, 0.25])], ids=["low", "high", "by axis"])
 def test_a_level_other_than_stated_is_found(factor):
-    """Of the standard deviation; with the vibration on top."""
-    blocks = moving_blocks(
-        np.random.default_rng(2), lambda blocks: factor**2 * blocks.stated + blocks.motion @ PER_SPEED
-    )
+    """With the vibration on top."""
+    blocks = moving_blocks(np.random.default_rng(2), lambda blocks: factor * blocks.stated + blocks.motion @ PER_SPEED)
     found = fit_vibration(blocks, free(blocks), STD**2)
-    np.testing.assert_allclose(np.sqrt(found.level), factor, rtol=0.05)
+    np.testing.assert_allclose(found.level, np.broadcast_to(factor, 6), rtol=0.1)
     np.testing.assert_allclose(found.per_speed, PER_SPEED, rtol=0.2)
 
 
-def test_an_axis_has_a_level_of_its_own():
-    factor = np.array([1, 1, 4, 1, 1, 0.25])
-    blocks = moving_blocks(np.random.default_rng(3), lambda blocks: factor * blocks.stated)
-    found = fit_vibration(blocks, free(blocks), STD**2)
-    np.testing.assert_allclose(found.level, factor, rtol=0.05)
-    assert (found.level[[0, 1, 3, 4]] == 1).all()
-
-
-def test_scatter_without_the_joints_share_does_not_lower_the_level():
+@pytest.mark.parametrize(
+    ("share", "level", "rtol"),
+    [
+        pytest.param(1 / 4, 1, 0, id="scatter without the joints' share does not lower the level"),
+        pytest.param(1 / 16, 1 / 4, 0.05, id="less is the sensor's"),
+        pytest.param(3 / 2, 3, 0.1, id="and so is more"),
+        pytest.param(1e-9, LEAST_LEVEL, 0, id="a reading that stands still keeps some noise"),
+    ],
+)
+def test_the_level_is_the_sensors_alone(share, level, rtol):
     """Of the stated variance three quarters are of the joints, whose errors last longer than a block."""
-    blocks = moving_blocks(np.random.default_rng(4), lambda blocks: blocks.stated / 4, stated=4 * STD**2)
+    blocks = moving_blocks(np.random.default_rng(4), lambda blocks: share * blocks.stated, stated=4 * STD**2)
     found = fit_vibration(blocks, free(blocks), STD**2)
-    np.testing.assert_array_equal(found.level, 1)
-    quieter = moving_blocks(np.random.default_rng(4), lambda blocks: blocks.stated / 16, stated=4 * STD**2)
-    np.testing.assert_allclose(fit_vibration(quieter, free(quieter), STD**2).level, 0.25, rtol=0.05)
+    np.testing.assert_allclose(found.level, level, rtol=rtol)
+    expected = np.broadcast_to((3 + level) * STD**2, (COUNT, 6))
+    np.testing.assert_allclose(found.variance(blocks, STD**2), expected, rtol=0.1)
 
 
 def test_each_part_of_the_stated_variance_has_a_share_of_its_own():
@@ -155,20 +154,6 @@ def test_each_part_of_the_stated_variance_has_a_share_of_its_own():
     shown = found.shares.sensor * sensor + found.shares.rest * joints
     shown += grown(blocks, found.speed) @ found.per_speed
     np.testing.assert_allclose(shown, true, rtol=0.15)
-
-
-def test_more_scatter_than_stated_is_the_sensors():
-    """The joints' share stays what it is."""
-    blocks = moving_blocks(np.random.default_rng(5), lambda blocks: 1.5 * blocks.stated, 4 * STD**2)
-    found = fit_vibration(blocks, free(blocks), STD**2)
-    np.testing.assert_allclose(found.level, 3, rtol=0.1)
-    np.testing.assert_allclose(found.variance(blocks, STD**2), np.broadcast_to(6 * STD**2, (COUNT, 6)), rtol=0.05)
-
-
-def test_a_reading_that_stands_still_keeps_some_noise():
-    blocks = moving_blocks(np.random.default_rng(6), lambda blocks: 1e-9 * blocks.stated)
-    found = fit_vibration(blocks, free(blocks), STD**2)
-    np.testing.assert_array_equal(found.level, LEAST_LEVEL)
 
 
 def test_contacts_and_spikes_do_not_count():
@@ -215,24 +200,17 @@ def both(stated, noise, variance=STD**2 + OF_JOINTS):
 
 
 def test_the_filter_takes_what_the_log_shows_but_never_less_than_stated(stated):
-    louder, quieter = (both(stated, shown_by(level=level))[0] for level in (2.25, 0.25))
-    np.testing.assert_allclose(louder, 2.25 * STD**2 + OF_JOINTS + MOTION, rtol=1e-6)
-    np.testing.assert_allclose(quieter, STD**2 + OF_JOINTS + MOTION, rtol=1e-6)
-
-
-def test_what_the_log_shows_may_be_less(stated):
-    _, shown = both(stated, shown_by(sensor=0.5, rest=0.25))
-    np.testing.assert_allclose(shown, STD**2 / 2 + OF_JOINTS / 4 + MOTION, rtol=1e-6)
-
-
-def test_a_sensor_that_an_effect_makes_quieter_leaves_nothing_negative_beside_it(stated):
-    _, shown = both(stated, shown_by(sensor=0.5, rest=3.0), STD**2 / 4)
-    np.testing.assert_allclose(shown, STD**2 / 2 + MOTION, rtol=1e-6)
-
-
-def test_a_log_as_stated_shows_what_the_filter_takes(stated):
-    taken, shown = both(stated, shown_by())
-    np.testing.assert_allclose(taken, shown, rtol=1e-6)
+    """Which the log may well show; a sensor that an effect makes quieter leaves nothing negative beside it."""
+    as_stated = STD**2 + OF_JOINTS + MOTION
+    for level, expected in ((2.25, 2.25 * STD**2 + OF_JOINTS + MOTION), (1.0, as_stated), (0.25, as_stated)):
+        np.testing.assert_allclose(both(stated, shown_by(level=level))[0], expected, rtol=1e-6)
+    for sensor, rest, variance, expected in (
+        (1.0, 1.0, STD**2 + OF_JOINTS, as_stated),
+        (0.5, 0.25, STD**2 + OF_JOINTS, STD**2 / 2 + OF_JOINTS / 4 + MOTION),
+        (0.5, 3.0, STD**2 / 4, STD**2 / 2 + MOTION),
+    ):
+        shown = both(stated, shown_by(sensor=sensor, rest=rest), variance)[1]
+        np.testing.assert_allclose(shown, expected, rtol=1e-6)
 
 
 def test_what_the_log_shows_of_vibration_replaces_what_is_stated_of_it(stated):

@@ -80,17 +80,15 @@ def test_a_mass_without_its_centre_is_not_enough_to_predict_anything():
     assert (changed.bias.initial_std > 9).all()
 
 
-def test_turning_about_gravity_changes_no_weight_but_accelerates():
-    q = np.tile(POSE, (200, 1))
-    q[:, 0] += np.linspace(0, 2, 200)
-    motion = motion_of(UNKNOWN, slices(log_of(q)))
+def test_how_far_the_sensor_turns_is_that_of_gravity_in_its_axes():
+    """Turning about gravity changes no weight, but accelerates."""
+    spin = np.tile(POSE, (200, 1))
+    spin[:, 0] += np.linspace(0, 2, 200)
+    motion = motion_of(UNKNOWN, slices(log_of(spin)))
     assert motion.turn < 1e-9
     assert motion.travel == pytest.approx(2)
-    _, (told,) = weight_in_bias(UNKNOWN, slices(log_of(q)))
+    _, (told,) = weight_in_bias(UNKNOWN, slices(log_of(spin)))
     assert told.what.endswith("so do its accelerations")
-
-
-def test_how_far_the_sensor_turns_is_that_of_gravity_in_its_axes():
     q = np.tile(POSE, (500, 1))
     q[:, 3] += 0.2 * np.sin(np.linspace(0, 20, 500))
     motion = motion_of(UNKNOWN, slices(log_of(q)))

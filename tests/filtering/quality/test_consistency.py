@@ -27,24 +27,17 @@ def checked(white, scale=1.0):
     return consistency.check(0.1 * white, (scale * white) ** 2)
 
 
-def test_white_innovations_of_the_stated_size():
-    found = checked(WHITE)
-    assert found.nis.consistent
-    np.testing.assert_allclose(found.nis.value, (WHITE**2).mean())
-    np.testing.assert_allclose(found.axis_nis, (WHITE**2).mean(0))
+@pytest.mark.parametrize(("scale", "word"), [(1.0, "consistent"), (1.2, "overconfident"), (0.8, "underconfident")])
+def test_white_innovations_of_the_stated_size_and_of_another(scale, word):
+    found = checked(WHITE, scale)
+    np.testing.assert_allclose(found.nis.value, scale**2 * (WHITE**2).mean())
+    np.testing.assert_allclose(found.axis_nis, scale**2 * (WHITE**2).mean(0))
+    assert found.nis.consistent == (scale == 1)
+    assert consistency.verdict(found).startswith(word)
     np.testing.assert_allclose(found.lag_one_bound, 1.96 / np.sqrt(5000))
     assert (np.abs(found.lag_one) < 2 * found.lag_one_bound).all()
     # 20 squared normal variables over 20
     assert ((found.ljung_box > 0.3) & (found.ljung_box < 2)).all()
-    assert consistency.verdict(found).startswith("consistent")
-
-
-@pytest.mark.parametrize(("scale", "word"), [(1.2, "overconfident"), (0.8, "underconfident")])
-def test_innovations_of_another_size(scale, word):
-    found = checked(WHITE, scale)
-    np.testing.assert_allclose(found.nis.value, scale**2 * (WHITE**2).mean())
-    assert not found.nis.consistent
-    assert consistency.verdict(found).startswith(word)
 
 
 def test_innovations_of_the_right_size_that_hang_together():

@@ -20,40 +20,29 @@ WRIST = {
     "tool": {"mass": 1.0, "center_of_mass": [0, 0, 0.1]},
 }
 COUNT = 200
-
-
-def unobservable(pitch, roll, parts=1):
-    q = np.broadcast_to(np.stack([np.broadcast_to(x, COUNT) for x in (pitch, roll)], 1), (COUNT, 2))
-    fields = dict.fromkeys(ARRAYS, np.zeros((COUNT, 2)))
-    filtered = Filtered(**{**fields, "t": np.arange(COUNT) * 0.1, "q": q})
-    turning, params = observability.start(), params_from_setup(parse_setup(WRIST), jnp.float64)
-    for rows in np.array_split(np.arange(COUNT), parts):
-        turning = observability.add(turning, params, by_params.part_of(filtered, rows))
-    return observability.unobservable(turning)
-
-
+YAW = {"axis": [0, 0, 1], "point": [0, 0, 0], "name": "yaw"}
 SWING = 0.5 * np.sin(np.arange(COUNT) * 0.1)
+STILL = np.full(COUNT, 0.3)
+EVERYTHING = ["mass", "center_of_mass"]
 
 
 @pytest.mark.parametrize("parts", [1, 3, 300])
-def test_a_pose_that_does_not_change_hides_the_weight(parts):
-    assert unobservable(0.3, -0.2, parts) == ["mass", "center_of_mass"]
-
-
-def test_turning_about_one_axis_hides_the_centre_of_mass_where_gravity_moves():
-    """Small turns about y move gravity along x, so a torque m c x g hardly says where c is along x."""
-    assert unobservable(0.2 * SWING, 0.0) == ["center_of_mass along (1.00, 0.00, 0.00)"]
-    assert unobservable(0.0, 0.2 * SWING) == ["center_of_mass along (0.00, 1.00, 0.00)"]
-
-
-def test_turning_about_two_axes_hides_nothing():
-    assert unobservable(SWING, SWING[::-1]) == []
-
-
-def test_turning_about_gravity_hides_everything():
-    down = {"axis": [0, 0, 1], "point": [0, 0, 0], "name": "yaw"}
-    setup = parse_setup({**WRIST, "robot": {**WRIST["robot"], "joints": [down]}})
-    fields = dict.fromkeys(ARRAYS, np.zeros((COUNT, 1)))
-    part = Filtered(**{**fields, "t": np.arange(COUNT) * 0.1, "q": SWING[:, None]})
-    turning = observability.add(observability.start(), params_from_setup(setup, jnp.float64), part)
-    assert observability.unobservable(turning) == ["mass", "center_of_mass"]
+@pytest.mark.parametrize(
+    ("joints", "q", "hidden"),
+    [
+        pytest.param(None, (STILL, -STILL), EVERYTHING, id="a pose that does not change hides the weight"),
+        # Small turns about y move gravity along x, so a torque m c x g hardly says where c is along x.
+        pytest.param(None, (0.2 * SWING, 0 * STILL), ["center_of_mass along (1.00, 0.00, 0.00)"], id="turns about y"),
+        pytest.param(None, (0 * STILL, 0.2 * SWING), ["center_of_mass along (0.00, 1.00, 0.00)"], id="turns about x"),
+        pytest.param(None, (SWING, SWING[::-1]), [], id="turning about two axes hides nothing"),
+        pytest.param([YAW], (SWING,), EVERYTHING, id="turning about gravity hides everything"),
+    ],
+)
+def test_what_the_poses_of_a_log_hide_of_the_tool(joints, q, hidden, parts):
+    setup = WRIST if joints is None else {**WRIST, "robot": {**WRIST["robot"], "joints": joints}}
+    fields = dict.fromkeys(ARRAYS, np.zeros((COUNT, len(q))))
+    filtered = Filtered(**{**fields, "t": np.arange(COUNT) * 0.1, "q": np.stack(q, 1)})
+    turning, params = observability.start(), params_from_setup(parse_setup(setup), jnp.float64)
+    for rows in np.array_split(np.arange(COUNT), parts):
+        turning = observability.add(turning, params, by_params.part_of(filtered, rows))
+    assert observability.unobservable(turning) == hidden

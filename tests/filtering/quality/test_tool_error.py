@@ -10,7 +10,7 @@ from ftbias_jax.check.motion import arm_motion, data_matrices
 from ftbias_jax.check.regression import stated_tool
 from ftbias_jax.filtering.quality.observability import error_of_tool, remark_of_tool, with_error_of_tool
 from ftbias_jax.filtering.result import ARRAYS, Filtered
-from ftbias_jax.setup import dump_setup, parse_setup
+from ftbias_jax.setup import parse_setup
 
 STEP = 1e-6
 
@@ -48,10 +48,3 @@ def test_a_tool_that_is_known_leaves_the_error_bars_as_they_are(setup, wrench_of
     assert all((x > 1.001).any() for x in (wide.bias_std, wide.contact_wrench_std, wide.bias_smooth_std))
     assert wide.drift_smooth_std is filtered.drift_smooth_std
     assert "standard errors of 0.03 kg and 1 2 4 mm" in remark_of_tool(setup.tool)[0].what
-
-
-def test_the_setup_keeps_them(setup):
-    text = dump_setup(setup)
-    assert "mass_std = 0.03" in text
-    assert "center_of_mass_std = [0.001, 0.002, 0.004]" in text
-    assert "_std" not in dump_setup(parse_setup(TABLES)).partition("[tool]")[2].partition("[bias]")[0]

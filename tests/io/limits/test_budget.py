@@ -1,8 +1,8 @@
 """The memory that is stated for a log holds for every format, and says how to have more."""
 
-import h5py
 import numpy as np
 import pytest
+from log_files import write
 from small_archive import SETUP
 
 from ftbias_jax.errors import LogError, SetupError, UsageError
@@ -19,24 +19,11 @@ def setup(tmp_path):
     return load_setup(tmp_path / "setup.toml")
 
 
-def write(path):
-    t = 0.001 * np.arange(ROWS)
-    arrays = {"t": t, "q": np.sin(t)[:, None] * [1, 2], "wrench": np.random.default_rng(0).normal(size=(ROWS, 6))}
-    if path.suffix == ".npz":
-        np.savez(path, **arrays)
-    elif path.suffix == ".h5":
-        with h5py.File(path, "w") as file:
-            for name, values in arrays.items():
-                file[name] = values
-    else:
-        names = ["t", "q0", "q1", "fx", "fy", "fz", "tx", "ty", "tz"]
-        np.savetxt(path, np.column_stack(list(arrays.values())), delimiter=",", header=",".join(names), comments="")
-    return path
-
-
 @pytest.mark.parametrize("name", ["log.npz", "log.h5", "log.csv"])
 def test_a_log_of_more_numbers_than_the_stated_memory_is_refused(tmp_path, setup, monkeypatch, name):
-    path = write(tmp_path / name)
+    t = 0.001 * np.arange(ROWS)
+    wrench = np.random.default_rng(0).normal(size=(ROWS, 6))
+    path = write(tmp_path / name, {"t": t, "q": np.sin(t)[:, None] * [1, 2], "wrench": wrench})
     assert len(read_log(path, setup).t) == ROWS
     monkeypatch.setenv("FTBIAS_MEMORY", "0.001")  # GiB, of which a third holds numbers: less than 9 columns
     with pytest.raises(LogError, match="GiB of memory are for 0 MiB") as error:

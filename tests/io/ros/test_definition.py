@@ -5,7 +5,7 @@ from contextlib import suppress
 
 import pytest
 
-from ftbias_jax.io.ros.definition import MAX_TEXT, SEQUENCE, Field, parse_idl, parse_msg, smallest
+from ftbias_jax.io.ros.definition import MAX_TEXT, Field, parse_idl, parse_msg, smallest
 from ftbias_jax.io.ros.messages import MessageError
 
 RULE = "\n" + "=" * 80 + "\n"
@@ -76,16 +76,12 @@ def test_the_least_bytes_of_a_type():
         (f"B b{RULE}MSG: a/B\nA a", "types within types without end"),
         (RULE.join(["T1 t", *(f"MSG: a/T{i}\nT{i + 1} t" for i in range(1, 60))]), "types within types without end"),
         ("Other x", "lacks the type 'a/Other'"),
-        ("float64 x; drop", None),
         ("???", r"with the line '\?\?\?'"),
         (f"float64 x{RULE}no title", "a type has no name"),
         ("x" * (MAX_TEXT + 1), "a definition of 262145 characters"),
     ],
 )
 def test_definitions_that_make_no_sense(text, words):
-    if words is None:
-        assert parse_msg(text, "a/A", True)["a/A"] == (Field("x", "float64"),)
-        return
     with pytest.raises(MessageError, match=words):
         smallest(parse_msg(text, "a/A", True), "a/A")
 
@@ -116,27 +112,16 @@ def test_idl_that_makes_no_sense(text, words):
         "@a " * 300_000,
         "@a(" * 300_000,
         "module a { struct A { sequence<" + "sequence<" * 100_000,
-        "a" * 1_000_000,
         "module a { struct A {" + " double x;" * 90_000,
+        "a" * 1_000_000,
+        "=" * 1_000_000 + "x",
+        " " * 1_000_000 + "x",
+        "a " * 500_000,
     ],
 )
-def test_hostile_idl_takes_no_more_time_than_it_is_long(text):
+def test_hostile_definitions_take_no_more_time_than_they_are_long(text):
     start = time.process_time()
-    with pytest.raises(MessageError):
-        parse_idl(text[:MAX_TEXT], "a/A")
+    for parse in (parse_idl, lambda text, name: parse_msg(text, name, True)):
+        with suppress(MessageError):
+            parse(text[:MAX_TEXT], "a/A")
     assert time.process_time() - start < 5
-
-
-@pytest.mark.parametrize("text", ["a" * 1_000_000, "=" * 1_000_000 + "x", " " * 1_000_000 + "x", "a " * 500_000])
-def test_hostile_msg_takes_no_more_time_than_it_is_long(text):
-    start = time.process_time()
-    with suppress(MessageError):
-        parse_msg(text[:MAX_TEXT], "a/A", True)
-    assert time.process_time() - start < 5
-
-
-def test_a_list_says_itself_how_long_it_is():
-    assert parse_msg("float64[] x\nfloat64[<=3] y", "a/A", False)["a/A"] == (
-        Field("x", "float64", SEQUENCE),
-        Field("y", "float64", SEQUENCE),
-    )

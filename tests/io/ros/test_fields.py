@@ -7,7 +7,7 @@ import pytest
 import recordings  # noqa: F401  skips without rosbags
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from ftbias_jax.io.ros.fields import COMMON, PathError, make_plan, parse_paths, take, types_of
+from ftbias_jax.io.ros.fields import COMMON, PathError, make_plan, take, types_of
 from ftbias_jax.io.ros.messages import MessageError
 from ftbias_jax.io.ros.raw import Definition
 
@@ -181,11 +181,3 @@ def test_types_that_nobody_brings_are_asked_of_rosbags():
     assert [name for name, _ in plan.paths[0]] == ["pose", "pose", "position"]
     assert types_of("my_msgs/State", "cdr", Definition()) is None
     assert types_of("nav_msgs/Odometry", "ros1", Definition()) is None
-
-
-def test_paths_are_names_with_dots():
-    (one, two) = parse_paths("a.b[3], c")
-    assert [name for name, _ in one] == ["a", "b"]
-    assert one[1][1] == slice(3, 4)
-    assert two[0][1] == slice(None)
-    assert parse_paths("") == ((),)

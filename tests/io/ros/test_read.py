@@ -26,27 +26,12 @@ def expected(tmp_path_factory, setup):
 
 
 @pytest.mark.parametrize("kind", FORMATS)
-def test_every_container_gives_the_same_log(tmp_path, setup, expected, kind):
-    reading = read_log(recordings.write(tmp_path, kind, recordings.messages()), setup)
-    assert_same(reading, expected)
-    assert reading.repairs == ()
-
-
-@pytest.mark.parametrize("kind", FORMATS)
-def test_a_whole_recording_has_nothing_to_salvage(tmp_path, setup, expected, kind):
-    reading = read_log(recordings.write(tmp_path, kind, recordings.messages()), setup, salvage=True)
-    assert_same(reading, expected)
-    assert reading.repairs == ()
-
-
-def test_joints_are_matched_by_their_names(tmp_path, make_setup, setup, expected):
-    swapped = [
-        m._replace(names=m.names[::-1], position=m.position[::-1], velocity=m.velocity[::-1])
-        if isinstance(m, Joints) and i % 2
-        else m
-        for i, m in enumerate(recordings.messages())
-    ]
-    assert_same(read_log(recordings.write(tmp_path, "ros1", swapped), setup), expected)
+def test_every_container_gives_the_same_log_and_has_nothing_to_salvage(tmp_path, setup, expected, kind):
+    path = recordings.write(tmp_path, kind, recordings.messages())
+    for salvage in (False, True):
+        reading = read_log(path, setup, salvage=salvage)
+        assert_same(reading, expected)
+        assert reading.repairs == ()
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite", "mcap"])
@@ -54,16 +39,6 @@ def test_a_gripper_on_the_same_topic_does_not_disturb_the_arm(tmp_path, setup, e
     gripper = [Joints(START + i * 7_000_001, ("finger",), (0.1 * i,), publisher="gripper") for i in range(40)]
     published = sorted([*recordings.messages(), *gripper], key=lambda m: m.stamp)
     assert_same(read_log(recordings.write(tmp_path, kind, published), setup), expected)
-
-
-def test_extra_joints_in_the_same_message_are_left_out(tmp_path, setup, expected):
-    published = [
-        m._replace(names=("lift", *m.names), position=(9.0, *m.position), velocity=(9.0, *m.velocity))
-        if isinstance(m, Joints)
-        else m
-        for m in recordings.messages()
-    ]
-    assert_same(read_log(recordings.write(tmp_path, "mcap", published), setup), expected)
 
 
 def test_two_publishers_of_one_arm_are_merged(tmp_path, setup, expected):
@@ -76,13 +51,6 @@ def test_two_publishers_of_one_arm_are_merged(tmp_path, setup, expected):
     reading = read_log(recordings.write(tmp_path, "ros1", published), setup)
     assert_same(reading, expected)
     assert reading.repairs == ()
-
-
-def test_velocities_may_be_left_out(tmp_path, setup, expected):
-    published = [m._replace(velocity=()) if isinstance(m, Joints) else m for m in recordings.messages()]
-    log = read_log(recordings.write(tmp_path, "ros1", published), setup)
-    np.testing.assert_array_equal(log.q, expected.q)
-    assert np.isnan(log.dq).all()
 
 
 def test_topics_to_choose_from_are_listed_and_chosen_in_the_setup(tmp_path, setup, make_setup, expected):
@@ -111,22 +79,6 @@ def test_recordings_without_joints_or_wrench_say_what_there_is(tmp_path, setup):
         read_log(recordings.write(tmp_path, "ros1", only_joints), setup)
 
 
-def test_wrenches_of_two_sensors_on_one_topic_are_refused(tmp_path, setup):
-    published = [
-        m._replace(frame=f"s{i % 2}") if isinstance(m, Wrench) else m for i, m in enumerate(recordings.messages())
-    ]
-    with pytest.raises(LogError, match="are in several frames: 's1', 's0'"):
-        read_log(recordings.write(tmp_path, "ros1", published), setup)
-
-
-def test_frames_with_markup_are_only_text(tmp_path, setup, expected):
-    hostile = "<script>alert(1)</script>\x1b[2J"
-    published = [m._replace(frame=hostile) if isinstance(m, Wrench) else m for m in recordings.messages()]
-    path = recordings.write(tmp_path, "mcap", published)
-    assert_same(read_log(path, setup), expected)
-    assert {stream.names for stream in read_recording(path).streams} >= {(hostile,)}
-
-
 def test_a_bag_that_was_never_closed_is_read_without_its_index(tmp_path, setup, expected):
     path = recordings.write(tmp_path, "ros1", recordings.messages())
     content = bytearray(path.read_bytes())
@@ -137,10 +89,11 @@ def test_a_bag_that_was_never_closed_is_read_without_its_index(tmp_path, setup, 
     assert_same(read_log(path, setup), expected)
 
 
-def test_a_folder_needs_no_metadata(tmp_path, setup, expected):
+def test_a_folder_needs_no_metadata_and_tags_in_it_are_not_run(tmp_path, setup, expected):
     path = recordings.write(tmp_path, "folder", recordings.messages())
-    (path / "metadata.yaml").write_text("!!python/object/apply:os.system ['true']")
+    (path / "metadata.yaml").write_text(f"!!python/object/apply:os.system ['touch {tmp_path}/harm']")
     assert_same(read_log(path, setup), expected)
+    assert not (tmp_path / "harm").exists()
     (path / "metadata.yaml").unlink()
     assert_same(read_log(path, setup), expected)
 
@@ -198,9 +151,3 @@ def test_real_arm_with_a_gripper(shared_data, make_setup):
     states = [m for topic, m in read if topic == "/joint_states" and "elbow_joint" in m.name]
     theirs = [[m.position[m.name.index(name)] for name in names] for m in states]
     np.testing.assert_array_equal(log.q[~np.isnan(log.q).all(1)], theirs)
-
-
-def test_real_recording_without_joints(shared_data, setup):
-    with pytest.raises(LogError, match="no motion data: no topic has the type sensor_msgs/JointState") as caught:
-        read_log(shared_data / "real" / "rokubi_wrench_only.bag", setup)
-    assert "\n" not in str(caught.value)

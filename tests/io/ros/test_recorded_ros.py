@@ -6,7 +6,6 @@ import pytest
 from ftbias_jax.cli.main import main
 from ftbias_jax.io.ros.read import log_of, read_recording
 from ftbias_jax.io.write.npz import load_npz
-from ftbias_jax.model.kinematics.screws import make_arm, sensor_pose
 from ftbias_jax.setup import load_setup
 
 JOINTS = [f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
@@ -56,19 +55,6 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "ur10e.urdf").write_text(urdf())
     (tmp_path / "setup.toml").write_text(SETUP)
     return tmp_path
-
-
-def test_the_urdf_is_the_published_table(folder):
-    """Against the product of the six matrices of Denavit and Hartenberg."""
-    robot = load_setup("setup.toml").robot
-    q = np.random.default_rng(0).uniform(-3, 3, 6)
-    expected = np.eye(4)
-    for angle, (d, a, alpha) in zip(q, UR10E, strict=True):
-        (c, s), (ca, sa) = (np.cos(angle), np.sin(angle)), (np.cos(alpha), np.sin(alpha))
-        expected = expected @ [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
-    rotation, position = sensor_pose(make_arm(robot.screws, robot.flange_translation, robot.flange_rotation), q)
-    np.testing.assert_allclose(rotation, expected[:3, :3], atol=1e-9)
-    np.testing.assert_allclose(position, expected[:3, 3], atol=1e-9)
 
 
 def test_a_ur10e_that_picks(folder, shared_data, capsys):

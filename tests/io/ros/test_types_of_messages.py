@@ -26,10 +26,6 @@ def random_log(joints=2):
     return t, rng.normal(size=(COUNT, joints)), rng.normal(size=(COUNT, joints)), rng.normal(size=(COUNT, 6))
 
 
-def setup_of(make_setup, **log):
-    return make_setup(log=log)
-
-
 def published(*streams):
     return sorted((message for stream in streams for message in stream), key=lambda m: m.logged or m.stamp)
 
@@ -53,37 +49,37 @@ def test_a_wrench_without_a_header_has_the_recorder_s_times(tmp_path, make_setup
         Other(int(s), "geometry_msgs/msg/Wrench", {"force": tuple(x[:3]), "torque": tuple(x[3:])}, "/ft", int(s) + 7)
         for s, x in zip(t, w, strict=True)
     ]
-    log = read_log(recordings.write(tmp_path, kind, published(arm(t, q, dq), bare)), setup_of(make_setup))
+    log = read_log(recordings.write(tmp_path, kind, published(arm(t, q, dq), bare)), make_setup(log={}))
     np.testing.assert_array_equal(measured(log.wrench), w)
     np.testing.assert_array_equal(measured(log.q), q)
     assert any("the headers have no stamps: times of the recorder used" in repair.what for repair in log.repairs)
 
 
-@pytest.mark.parametrize("kind", ["ros1", "sqlite", "mcap"])
-def test_the_temperature_of_the_sensor(tmp_path, make_setup, kind):
-    t, q, dq, w = random_log()
-    warm = [
-        Other(int(s) + 3, "sensor_msgs/msg/Temperature", {"temperature": 20.0 + i, "variance": 0.1}, "/ft/temperature")
+def temperatures(t, **topics):
+    return [
+        Other(int(s) + 3, "sensor_msgs/msg/Temperature", {"temperature": first + i, "variance": 0.1}, f"/{topic}")
         for i, s in enumerate(t[::10])
+        for topic, first in topics.items()
     ]
-    path = recordings.write(tmp_path, kind, published(arm(t, q, dq), wrenches(t, w), warm))
-    log = read_log(path, setup_of(make_setup))
+
+
+def test_the_temperature_of_the_sensor_is_named_where_there_are_several(tmp_path, make_setup):
+    t, q, dq, w = random_log()
+    warm = temperatures(t, motor=60.0, ft=20.0)
+    path = recordings.write(tmp_path, "mcap", published(arm(t, q, dq), wrenches(t, w), warm))
+    assert np.isnan(read_log(path, make_setup(log={})).temperature).all()
+    log = read_log(path, make_setup(log={"topics": {"temperature": "/ft"}}))
     rows = ~np.isnan(log.temperature)
     np.testing.assert_array_equal(log.temperature[rows], 20.0 + np.arange(6))
     np.testing.assert_allclose(log.t[rows], (t[::10] + 3 - t[0]) * 1e-9, atol=1e-12)
 
 
-def test_one_of_several_temperatures_must_be_named(tmp_path, make_setup):
+@pytest.mark.parametrize("kind", ["ros1", "sqlite", "mcap"])
+def test_a_temperature_that_is_the_only_one_is_the_sensors(tmp_path, make_setup, kind):
     t, q, dq, w = random_log()
-    warm = [
-        Other(int(s), "sensor_msgs/msg/Temperature", {"temperature": value, "variance": 0.0}, topic)
-        for s in t[::10]
-        for topic, value in (("/motor", 60.0), ("/ft", 25.0))
-    ]
-    path = recordings.write(tmp_path, "mcap", published(arm(t, q, dq), wrenches(t, w), warm))
-    assert np.isnan(read_log(path, setup_of(make_setup)).temperature).all()
-    log = read_log(path, setup_of(make_setup, topics={"temperature": "/ft"}))
-    assert np.nanmax(log.temperature) == 25.0
+    path = recordings.write(tmp_path, kind, published(arm(t, q, dq), wrenches(t, w), temperatures(t, any=20.0)))
+    temperature = read_log(path, make_setup(log={})).temperature
+    np.testing.assert_array_equal(temperature[~np.isnan(temperature)], 20.0 + np.arange(6))
 
 
 @pytest.mark.parametrize("kind", FRANKA)
@@ -112,15 +108,13 @@ def test_the_state_of_a_franka_has_joints_and_the_external_wrench(tmp_path, kind
 
 
 def test_a_sensor_of_its_own_comes_before_the_robot_s_estimate(tmp_path):
-    t, q, dq, w = random_log(7)
+    t, q, _, w = random_log(7)
     name, definition = FRANKA["ros1"]
-    errors = {"joint_velocity_violation": False, "other": True}
-    states = [
-        Other(int(s), name, {"K_F_ext_hat_K": 9 * x, "q": a, "dq": b, "O_F_ext_hat_K": x, "current_errors": errors},
-              "/state", types={name: definition, **ERRORS})
-        for s, a, b, x in zip(t, q, dq, w, strict=True)
-    ]  # fmt: skip
-    path = recordings.write(tmp_path, "ros1", published(states, wrenches(t, w)))
+    robot = [
+        Other(int(s), name, {"K_F_ext_hat_K": 9 * x, "q": a}, "/state", types={name: definition, **ERRORS})
+        for s, a, x in zip(t, q, w, strict=True)
+    ]
+    path = recordings.write(tmp_path, "ros1", published(robot, wrenches(t, w)))
     tables = {"robot": {"model": "panda_link8"}, "sensor": {"noise_std": 1.0}}
     np.testing.assert_array_equal(read_log(path, parse_setup(tables)).wrench, w)
     tables["log"] = {"topics": {"wrench": "/state"}}
@@ -149,7 +143,7 @@ TOPICS = {
 def test_any_field_of_any_message(tmp_path, make_setup, kind):
     t, q, dq, w = random_log()
     path = recordings.write(tmp_path, kind, states(t, q, dq, w))
-    log = read_log(path, setup_of(make_setup, topics=TOPICS))
+    log = read_log(path, make_setup(log={"topics": TOPICS}))
     np.testing.assert_array_equal(log.q, q)
     np.testing.assert_array_equal(log.dq, dq.astype(np.float32))
     np.testing.assert_array_equal(log.wrench, w)
@@ -171,14 +165,14 @@ def test_any_field_of_any_message(tmp_path, make_setup, kind):
 def test_fields_that_do_not_fit_say_so(tmp_path, make_setup, changes, words):
     path = recordings.write(tmp_path, "mcap", states(*random_log()))
     with pytest.raises(LogError, match=words):
-        read_log(path, setup_of(make_setup, topics=TOPICS | changes))
+        read_log(path, make_setup(log={"topics": TOPICS | changes}))
 
 
 def test_a_type_that_a_bag_of_humble_does_not_define(tmp_path, make_setup):
     path = recordings.write(tmp_path, "sqlite", states(*random_log()))
     recordings.forget_definitions(path)
     with pytest.raises(LogError, match=r"my_msgs/State, which the recording does not define \(convert it to MCAP"):
-        read_log(path, setup_of(make_setup, topics=TOPICS))
+        read_log(path, make_setup(log={"topics": TOPICS}))
 
 
 def test_each_topic_may_have_the_clock_that_the_setup_states(tmp_path, make_setup):
@@ -187,13 +181,13 @@ def test_each_topic_may_have_the_clock_that_the_setup_states(tmp_path, make_setu
     ahead = [m._replace(stamp=m.stamp + 40 * SECOND, logged=m.stamp + 2_000_000) for m in wrenches(t, w)]
     joints = [m._replace(logged=m.stamp + 1_000_000) for m in arm(t, q, dq)]
     path = recordings.write(tmp_path, "mcap", published(joints, ahead))
-    log = read_log(path, setup_of(make_setup, clocks={"wrench": "receipt", "joints": "header"}))
+    log = read_log(path, make_setup(log={"clocks": {"wrench": "receipt", "joints": "header"}}))
     rows = ~np.isnan(log.wrench).any(1)
     np.testing.assert_allclose(log.t[rows] + log.start, (t + 2_000_000) * 1e-9, atol=1e-6)
     np.testing.assert_allclose(log.t[~np.isnan(log.q).any(1)] + log.start, t * 1e-9, atol=1e-6)
     assert not any("times of the recorder" in repair.what for repair in log.repairs)
     with pytest.raises(SetupError, match=r"log\.clocks\.wrench: unknown value 'reciept' \(did you mean 'receipt'"):
-        setup_of(make_setup, clocks={"wrench": "reciept"})
+        make_setup(log={"clocks": {"wrench": "reciept"}})
 
 
 def test_a_header_without_stamps_is_no_clock(tmp_path, make_setup):
@@ -201,7 +195,7 @@ def test_a_header_without_stamps_is_no_clock(tmp_path, make_setup):
     unset = [m._replace(stamp=0, logged=m.stamp) for m in wrenches(t, w)]
     path = recordings.write(tmp_path, "mcap", published(arm(t, q, dq), unset))
     with pytest.raises(LogError, match=r"log\.clocks\.wrench: /wrench has no stamps in its headers"):
-        read_log(path, setup_of(make_setup, clocks={"wrench": "header"}))
+        read_log(path, make_setup(log={"clocks": {"wrench": "header"}}))
 
 
 IMUS = {

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from log_files import write
 
 from ftbias_jax.cli.main import main
 from ftbias_jax.errors import LogError
@@ -30,16 +31,6 @@ def arrays():
     named = dict(zip(JOINTS, q.T, strict=True)) | dict(zip(CHANNELS, wrench.T, strict=True))
     stamps = 5.0 + 0.01 * np.arange(T)
     return named | {"stamp": stamps, "degrees": np.full(T, 21.5), "amperes": np.arange(T) ** 2.0}
-
-
-def write(path, content):
-    if path.suffix == ".npz":
-        np.savez(path, **content)
-    else:
-        with pytest.importorskip("h5py").File(path, "w") as root:
-            for name, values in content.items():
-                root[name] = values
-    return path
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".h5"])

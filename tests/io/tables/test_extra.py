@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from log_files import SUFFIXES, write
 
 from ftbias_jax.errors import LogError, SetupError
 from ftbias_jax.filtering.samples import pad, samples_from_log
@@ -31,28 +32,7 @@ def arrays():
     return {"t": 100.0 + 0.01 * np.arange(T), "q": q, "wrench": rng.normal(size=(T, 6)), "I_spindle": CURRENT}
 
 
-def write(path, content):
-    """The same log in each format."""
-    if path.suffix == ".npz":
-        np.savez(path, **content)
-    elif path.suffix == ".h5":
-        h5py = pytest.importorskip("h5py")
-        with h5py.File(path, "w") as root:
-            for name, values in content.items():
-                root[name] = values
-    else:
-        names = ["t", *(f"q{i}" for i in range(1, 8)), "fx", "fy", "fz", "tx", "ty", "tz", "I_spindle"]
-        table = np.column_stack(list(content.values()))
-        if path.suffix == ".csv":
-            cells = [["" if np.isnan(x) else repr(float(x)) for x in row] for row in table]
-            path.write_text("\n".join(",".join(row) for row in [names, *cells]) + "\n")
-        else:
-            arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
-            parquet.write_table(arrow.table(dict(zip(names, table.T, strict=True))), path)
-    return path
-
-
-@pytest.mark.parametrize("suffix", [".npz", ".h5", ".csv", ".parquet"])
+@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_named_column_is_read_from_every_table_and_its_gaps_are_bridged(tmp_path, setup, suffix):
     log = read_log(write(tmp_path / f"log{suffix}", arrays()), setup, raw=True)
     column = log.columns["spindle_current"]

@@ -6,6 +6,7 @@ import made_weights as made
 import numpy as np
 import pytest
 import recordings
+from log_files import SUFFIXES, write
 from recordings import SECOND, START, Joints, Other, Pose, Wrench
 
 from ftbias_jax.errors import LogError, SetupError
@@ -15,8 +16,7 @@ from ftbias_jax.setup import dump_setup, parse_setup
 from ftbias_jax.setup.robots import built_in_robot
 
 SAMPLES = 40
-NAMES = ["fx", "fy", "fz", "tx", "ty", "tz"]
-FORMATS = [".csv", ".npz", ".parquet", ".h5", ".bag", ".mcap"]
+FORMATS = [*SUFFIXES, ".bag", ".mcap"]
 
 
 def streams():
@@ -24,23 +24,6 @@ def streams():
     _, q, wrench = made.arm_log("ur5e", samples=SAMPLES)
     t = START + np.arange(SAMPLES) * SECOND // 50
     return t, q, t + 3_000_000, wrench
-
-
-def write_table(path, columns):
-    """Columns by name as CSV, Parquet, NPZ or HDF5."""
-    if path.suffix == ".csv":
-        lines = [
-            ",".join(map(repr, row)) for row in zip(*(values.tolist() for values in columns.values()), strict=True)
-        ]
-        path.write_text("\n".join([",".join(columns), *lines]) + "\n")
-    elif path.suffix == ".parquet":
-        pytest.importorskip("pyarrow.parquet").write_table(pytest.importorskip("pyarrow").table(columns), path)
-    elif path.suffix == ".npz":
-        np.savez(path, **columns)
-    else:
-        with pytest.importorskip("h5py").File(path, "w") as root:
-            for name, values in columns.items():
-                root[name] = values
 
 
 def write_recording(path, messages):
@@ -52,23 +35,26 @@ def write_recording(path, messages):
 
 def write_joints(path):
     t, q, *_ = streams()
-    if path.suffix in (".csv", ".parquet"):
-        write_table(path, {"t": t, **{f"q{i}": q[:, i] for i in range(6)}})
-    elif path.suffix in (".npz", ".h5"):
-        write_table(path, {"t_joints": t, "q": q})
+    if path.suffix in SUFFIXES:
+        write(path, {"t" if path.suffix in (".csv", ".parquet") else "t_joints": t, "q": q})
     else:
-        names = built_in_robot("ur5e").joint_names
-        write_recording(path, [Joints(int(s), names, tuple(x)) for s, x in zip(t, q, strict=True)])
+        write_recording(path, joints(t, q))
 
 
 def write_wrench(path):
     _, _, t, wrench = streams()
     if path.suffix in (".csv", ".parquet"):
-        write_table(path, {"t": t, **dict(zip(NAMES, wrench.T, strict=True))})
-    elif path.suffix in (".npz", ".h5"):
-        write_table(path, {"t_wrench": t, "wrench": wrench, "temperature": t * 0.0 + 20})
+        write(path, {"t": t, "wrench": wrench})
+    elif path.suffix in SUFFIXES:
+        write(path, {"t_wrench": t, "wrench": wrench, "temperature": t * 0.0 + 20})
     else:
         write_recording(path, [Wrench(int(s), tuple(x)) for s, x in zip(t, wrench, strict=True)])
+
+
+def joints(t, q, speed=0):
+    names = built_in_robot("ur5e").joint_names
+    speeds = (tuple(speed * x) if speed else () for x in q)
+    return [Joints(int(s), names, tuple(x), v) for s, x, v in zip(t, q, speeds, strict=True)]
 
 
 def setup_of(position, wrench, **log):
@@ -99,8 +85,8 @@ def test_joints_and_wrench_in_files_of_any_two_formats(tmp_path, position, wrenc
 
 def test_each_file_may_have_its_own_unit_of_time(tmp_path):
     t_joints, q, t_wrench, w = streams()
-    write_table(tmp_path / "1_joints.csv", {"t": t_joints // 1000, **{f"q{i}": q[:, i] for i in range(6)}})
-    write_table(tmp_path / "1_ft.npz", {"t": t_wrench * 1e-9, "wrench": w})
+    write(tmp_path / "1_joints.csv", {"t": t_joints // 1000, "q": q})
+    write(tmp_path / "1_ft.npz", {"t": t_wrench * 1e-9, "wrench": w})
     setup = setup_of(".csv", ".npz", time_unit="s", time_units={"position": "us"})
     log = read_log(tmp_path / "1_ft.npz", setup)
     np.testing.assert_allclose(log.t[~np.isnan(log.wrench).any(1)] + log.start, t_wrench * 1e-9, atol=1e-6)
@@ -112,8 +98,8 @@ def test_a_clock_that_differs_by_a_constant_is_put_right(tmp_path):
     t_joints, q, t_wrench, w = streams()
     expected = Log.from_arrays(setup_of(".npz", ".npz"), (t_joints, t_wrench), q, w)
     late = t_wrench + 12_000_000  # ns; in the other file floating-point s, an hour early
-    write_table(tmp_path / "1_joints.npz", {"t": (t_joints - START) * 1e-9 - 3600, "q": q})
-    write_table(tmp_path / "1_ft.npz", {"t": late - START, "wrench": w})
+    write(tmp_path / "1_joints.npz", {"t": (t_joints - START) * 1e-9 - 3600, "q": q})
+    write(tmp_path / "1_ft.npz", {"t": late - START, "wrench": w})
     setup = setup_of(".npz", ".npz", time_offsets={"wrench": -0.012, "position": 3600.0})
     setup = replace(setup, log=replace(setup.log, time_unit=None))
     log = read_log(tmp_path / "1_ft.npz", setup)
@@ -130,14 +116,10 @@ def test_offsets_of_one_file_move_a_stream_against_the_other(tmp_path, suffix):
     t_joints, q, t_wrench, w = streams()
     stated = {"robot": {"model": "ur5e"}, "sensor": {"noise_std": 0.1}, "log": {"time_offsets": {"wrench": 0.003}}}
     if suffix == ".mcap":
-        names = built_in_robot("ur5e").joint_names
-        messages = [Joints(int(s), names, tuple(x)) for s, x in zip(t_joints, q, strict=True)]
-        messages += [Wrench(int(s), tuple(x)) for s, x in zip(t_joints, w, strict=True)]
+        messages = joints(t_joints, q) + [Wrench(int(s), tuple(x)) for s, x in zip(t_joints, w, strict=True)]
         write_recording(tmp_path / "log.mcap", messages)
     else:
-        arrays = {"t": (t_joints - START) * 1e-9, "q": q, "wrench": w}
-        flat = {"t": arrays["t"], **{f"q{i}": q[:, i] for i in range(6)}, **dict(zip(NAMES, w.T, strict=True))}
-        write_table(tmp_path / f"log{suffix}", flat if suffix == ".csv" else arrays)
+        write(tmp_path / f"log{suffix}", {"t": (t_joints - START) * 1e-9, "q": q, "wrench": w})
     log = read_log(tmp_path / f"log{suffix}", parse_setup(stated))
     expected = Log.from_arrays(setup_of("", ""), (t_joints, t_wrench), q, w)
     np.testing.assert_allclose(log.t, expected.t, atol=1e-9)
@@ -149,8 +131,8 @@ def test_offsets_of_one_file_move_a_stream_against_the_other(tmp_path, suffix):
 
 def test_streams_of_different_clocks_are_refused(tmp_path):
     t_joints, q, _, w = streams()
-    write_table(tmp_path / "1_joints.npz", {"t": t_joints * 1e-9, "q": q})
-    write_table(tmp_path / "1_ft.npz", {"t": np.arange(SAMPLES) * 0.02, "wrench": w})
+    write(tmp_path / "1_joints.npz", {"t": t_joints * 1e-9, "q": q})
+    write(tmp_path / "1_ft.npz", {"t": np.arange(SAMPLES) * 0.02, "wrench": w})
     with pytest.raises(LogError, match="do not overlap in time: joints 17"):
         read_log(tmp_path / "1_ft.npz", setup_of(".npz", ".npz", time_unit="s"))
 
@@ -159,13 +141,13 @@ def test_a_pose_its_imu_and_the_wrench_in_an_array_file_a_bag_and_a_table(tmp_pa
     t_joints, q, t_wrench, w = streams()
     turned = made.rotations(built_in_robot("ur5e"), q)
     force = np.random.default_rng(2).normal(size=(SAMPLES, 3))
-    write_table(tmp_path / "1_pose.npz", {"t": t_joints, "orientation": turned})
+    write(tmp_path / "1_pose.npz", {"t": t_joints, "orientation": turned})
     imu = [
         Other(int(s), "geometry_msgs/msg/AccelStamped", {"accel": {"linear": tuple(f)}}, "/imu")
         for s, f in zip(t_joints + 1_000_000, force, strict=True)
     ]
     write_recording(tmp_path / "1_imu.mcap", imu)
-    write_table(tmp_path / "1_ft.parquet", {"t": t_wrench, **dict(zip(NAMES, w.T, strict=True))})
+    write(tmp_path / "1_ft.parquet", {"t": t_wrench, "wrench": w})
     files = {"position": "*_pose.npz", "velocity": "*_imu.mcap", "wrench": "*_ft.parquet"}
     tables = {"sensor_pose": {"orientation": "matrix", "linear": "specific_force"}, "sensor": {"noise_std": 0.1}}
     setup = parse_setup({**tables, "log": {"files": files}})
@@ -193,10 +175,7 @@ def test_velocities_of_the_joints_from_another_recording(tmp_path):
     t, q, *_ = streams()
     write_joints(tmp_path / "1_joints.npz")
     write_wrench(tmp_path / "1_ft.mcap")
-    names = built_in_robot("ur5e").joint_names
-    write_recording(
-        tmp_path / "1_speed.mcap", [Joints(int(s), names, tuple(x), tuple(2 * x)) for s, x in zip(t, q, strict=True)]
-    )
+    write_recording(tmp_path / "1_speed.mcap", joints(t, q, 2))
     files = {"position": "*_joints.npz", "velocity": "*_speed.mcap", "wrench": "*_ft.mcap"}
     log = read_log(tmp_path / "1_ft.mcap", setup_of("", "", files=files))
     np.testing.assert_array_equal(log.dq[::2], 2 * q)
@@ -205,8 +184,8 @@ def test_velocities_of_the_joints_from_another_recording(tmp_path):
 
 def test_further_columns_are_looked_for_in_all_files(tmp_path):
     t_joints, q, t_wrench, w = streams()
-    write_table(tmp_path / "1_joints.npz", {"t": t_joints, "q": q})
-    write_table(tmp_path / "1_ft.parquet", {"t": t_wrench, **dict(zip(NAMES, w.T, strict=True)), "I": t_wrench * 0 + 7})
+    write(tmp_path / "1_joints.npz", {"t": t_joints, "q": q})
+    write(tmp_path / "1_ft.parquet", {"t": t_wrench, "wrench": w, "I": t_wrench * 0 + 7})
     log = read_log(tmp_path / "1_ft.parquet", setup_of(".npz", ".parquet", columns={"current": "I"}))
     assert (log.columns["current"].values == 7).all()
     np.testing.assert_allclose(log.columns["current"].t, (t_wrench - t_joints[0]) * 1e-9, atol=1e-6)
@@ -229,9 +208,7 @@ def test_what_a_file_lacks_is_named(tmp_path, name, columns, words):
     if suffix == ".txt":
         (tmp_path / name).write_text("")
     else:
-        write_table(
-            tmp_path / name, {key: np.ones((SAMPLES, 6) if size > 1 else SAMPLES) for key, size in columns.items()}
-        )
+        write(tmp_path / name, {key: np.ones((SAMPLES, 6) if size > 1 else SAMPLES) for key, size in columns.items()})
     with pytest.raises(LogError, match=words):
         read_log(tmp_path / name, setup_of(".npz", suffix))
 

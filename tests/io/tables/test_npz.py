@@ -2,6 +2,7 @@ import io
 import struct
 import zipfile
 from contextlib import suppress
+from functools import partial
 
 import numpy as np
 import pytest
@@ -33,13 +34,6 @@ def member(shape, data=b""):
     return stream.getvalue() + data
 
 
-def write_zip(path, members, compression=zipfile.ZIP_DEFLATED):
-    with zipfile.ZipFile(path, "w", compression) as archive:
-        for name, content in members.items():
-            archive.writestr(name, content)
-    return path
-
-
 def fails(call, path, *words):
     with pytest.raises(LogError) as caught:
         call()
@@ -57,26 +51,6 @@ def test_native_log_reads_back(tmp_path, setup, save):
     log = read_log(tmp_path / "log.npz", setup)
     for name, values in arrays().items():
         np.testing.assert_array_equal(getattr(log, name), values)
-
-
-def test_velocity_and_temperature_are_optional(tmp_path, setup):
-    given = arrays()
-    np.savez(tmp_path / "log.npz", t=given["t"], q=np.asfortranarray(given["q"]), wrench=given["wrench"])
-    log = read_log(tmp_path / "log.npz", setup)
-    np.testing.assert_array_equal(log.q, given["q"])
-    assert np.isnan(log.dq).all()
-    assert np.isnan(log.temperature).all()
-
-
-def test_streams_with_their_own_stamps_are_merged(tmp_path, setup):
-    given = arrays()
-    wrench_t = given["t"][1:4] + 0.005
-    streams = {"t_joints": given["t"], "t_wrench": wrench_t, "q": given["q"], "wrench": given["wrench"][:3]}
-    np.savez(tmp_path / "log.npz", **streams)
-    log = read_log(tmp_path / "log.npz", setup)
-    assert log.q.shape == (T + 3, 2)
-    assert np.isfinite(log.q[:, 0]).sum() == T
-    np.testing.assert_array_equal(log.wrench[np.isin(log.t, wrench_t)], given["wrench"][:3])
 
 
 @pytest.mark.parametrize(
@@ -100,16 +74,61 @@ def test_unknown_formats_and_absent_files_are_named(tmp_path, setup):
     fails(lambda: read_log(tmp_path / "log.npz", setup), tmp_path / "log.npz", "No such file", "check the path")
 
 
-def test_other_files_are_refused(tmp_path):
+def zip_of(content, compression=zipfile.ZIP_DEFLATED, name="t.npy", times=1):
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", compression) as archive:
+        for _ in range(times):
+            archive.writestr(name, content)
+    return stream.getvalue()
+
+
+def claims_more_than_the_file():
+    content = bytearray(zip_of(member((4,), data=bytes(32)), zipfile.ZIP_STORED))
+    directory = content.index(b"PK\x01\x02")
+    content[directory + 20 : directory + 24] = struct.pack("<I", 1 << 24)  # the compressed size
+    return content
+
+
+def newer_version():
+    content = bytearray(member((0,)))
+    content[6] = 3
+    return zip_of(bytes(content))
+
+
+REFUSED = {
+    "a CSV file": (lambda: b"t,q0,q1\n0,1,2\n", ["is not an NPZ file", "numpy.savez"]),
+    "a member larger than the file": (
+        claims_more_than_the_file,
+        [": t.npy: is larger than the file it is in", "numpy.savez"],
+    ),
+    "two arrays of one name": (
+        lambda: zip_of(member((0,)), times=2),
+        ["two arrays of one name", "numpy.savez"],
+    ),
+    "a newer NPY version": (newer_version, [": t: has NPY version (3, 0)", "plain arrays"]),
+    "a bomb": (
+        lambda: zip_of(member((1 << 20,), data=bytes(8 << 20))),
+        [": t.npy: unpacks to", "decompression bomb"],
+    ),
+    **{
+        f"the name {name}": (partial(zip_of, member((0,)), name=name), ["unsafe array name", "without slashes"])
+        for name in ("../t.npy", "a/t.npy", "a\\t.npy", "..npy")
+    },
+    **{
+        f"a header that promises {shape}": (lambda shape=shape: zip_of(member(shape, data=bytes(32))), [])
+        for shape in ((10**12,), (2**40, 2**40), (3,), (5,), (-1,), (2**70, 0))
+    },
+}
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+@pytest.mark.parametrize("what", REFUSED)
+def test_files_that_are_no_log_or_hostile_are_refused_before_memory_is_taken(tmp_path, monkeypatch, what):
+    make, words = REFUSED[what]
+    monkeypatch.setattr(budget, "SMALL", 1 << 16)
     path = tmp_path / "log.npz"
-    path.write_bytes(b"t,q0,q1\n0,1,2\n")
-    fails(lambda: load_arrays(path), path, "is not an NPZ file", "numpy.savez")
-
-
-@pytest.mark.parametrize("name", ["../t.npy", "a/t.npy", "a\\t.npy", "..npy"])
-def test_names_that_leave_the_file_are_refused(tmp_path, name):
-    path = write_zip(tmp_path / "log.npz", {name: member((0,))})
-    fails(lambda: load_arrays(path), path, "unsafe array name", "without slashes")
+    path.write_bytes(make())
+    fails(lambda: load_arrays(path), path, *words)
 
 
 def test_object_arrays_are_refused_only_where_they_are_read(tmp_path):
@@ -117,18 +136,6 @@ def test_object_arrays_are_refused_only_where_they_are_read(tmp_path):
     np.savez(path, t=np.zeros(2), extra=np.array([None, {}], object))
     assert load_arrays(path, ["t"]).keys() == {"t"}
     fails(lambda: load_arrays(path), path, ": extra: holds Python objects", "plain arrays")
-
-
-@pytest.mark.parametrize("shape", [(10**12,), (2**40, 2**40), (3,), (5,), (-1,), (2**70, 0)])
-def test_headers_that_promise_other_sizes_are_refused_before_memory_is_taken(tmp_path, shape):
-    path = write_zip(tmp_path / "log.npz", {"t.npy": member(shape, data=bytes(8 * 4))})
-    fails(lambda: load_arrays(path), path)
-
-
-def test_bombs_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(budget, "SMALL", 1 << 16)
-    path = write_zip(tmp_path / "log.npz", {"t.npy": member((1 << 20,), data=bytes(8 << 20))})
-    fails(lambda: load_arrays(path), path, ": t.npy: unpacks to", "decompression bomb")
 
 
 def test_constant_arrays_of_ordinary_logs_pass(tmp_path):
@@ -141,31 +148,6 @@ def test_files_beyond_the_limit_are_refused(tmp_path, monkeypatch):
     np.savez(path, q=np.zeros(1000), other=np.zeros(1000))
     monkeypatch.setattr("ftbias_jax.io.limits.budget.MAX_BYTES", 10_000)
     fails(lambda: load_arrays(path, ["q"]), path, "bytes of arrays", "the limit is 10000 bytes")
-
-
-def test_members_that_claim_more_than_the_file_are_refused(tmp_path):
-    path = write_zip(tmp_path / "log.npz", {"t.npy": member((4,), data=bytes(32))}, zipfile.ZIP_STORED)
-    content = bytearray(path.read_bytes())
-    directory = content.index(b"PK\x01\x02")
-    content[directory + 20 : directory + 24] = struct.pack("<I", 1 << 24)  # the compressed size
-    path.write_bytes(content)
-    fails(lambda: load_arrays(path), path, ": t.npy: is larger than the file it is in", "numpy.savez")
-
-
-@pytest.mark.filterwarnings("ignore:Duplicate name")
-def test_two_arrays_of_one_name_are_refused(tmp_path):
-    path = tmp_path / "log.npz"
-    with zipfile.ZipFile(path, "w") as archive:
-        for _ in range(2):
-            archive.writestr("t.npy", member((0,)))
-    fails(lambda: load_arrays(path), path, "two arrays of one name", "numpy.savez")
-
-
-def test_newer_array_versions_are_refused(tmp_path):
-    content = bytearray(member((0,)))
-    content[6] = 3
-    path = write_zip(tmp_path / "log.npz", {"t.npy": bytes(content)})
-    fails(lambda: load_arrays(path), path, ": t: has NPY version (3, 0)", "plain arrays")
 
 
 def test_damaged_files_end_in_an_error_of_ours(tmp_path):
@@ -193,7 +175,8 @@ def test_damaged_headers_end_in_an_error_of_ours(tmp_path):
     for _ in range(1000):
         changed = bytearray(content)
         changed[flips.integers(len(content) - 32)] = flips.integers(256)
-        path = write_zip(tmp_path / "log.npz", {"t.npy": bytes(changed)}, zipfile.ZIP_STORED)
+        path = tmp_path / "log.npz"
+        path.write_bytes(zip_of(bytes(changed), zipfile.ZIP_STORED))
         with suppress(LogError):
             load_arrays(path)
 

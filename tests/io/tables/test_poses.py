@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from log_files import SUFFIXES, write
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log, read_motion
@@ -12,37 +13,16 @@ RNG = np.random.default_rng(0)
 Q, WRENCH = RNG.normal(size=(6, 2)), RNG.normal(size=(6, 6))
 
 
-def csv_text(t=None, rows=6):
-    header = ("t," if t is not None else "") + "q0,q1,fx,fy,fz,tx,ty,tz"
-    table = np.column_stack([Q, WRENCH])[np.arange(rows) % 6]
-    table = table if t is None else np.column_stack([t, table])
-    return "\n".join([header, *(",".join(f"{x:.17g}" for x in row) for row in table)])
+def table(t=None, rows=6):
+    """Arrays of a table of poses."""
+    times = {} if t is None else {"t": t}
+    return times | {"q": Q[np.arange(rows) % 6], "wrench": WRENCH[np.arange(rows) % 6]}
 
 
-def written(tmp_path, suffix, t=None):
-    path = tmp_path / f"poses{suffix}"
-    columns = {"q": Q, "wrench": WRENCH} | ({} if t is None else {"t": t})
-    if suffix == ".csv":
-        path.write_text(csv_text(t))
-    elif suffix == ".npz":
-        np.savez(path, **columns)
-    elif suffix == ".h5":
-        h5py = pytest.importorskip("h5py")
-        with h5py.File(path, "w") as file:
-            for name, values in columns.items():
-                file[name] = values
-    else:
-        arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
-        names = ["q0", "q1", "fx", "fy", "fz", "tx", "ty", "tz"]
-        table = dict(zip(names, np.column_stack([Q, WRENCH]).T, strict=True)) | ({} if t is None else {"t": t})
-        parquet.write_table(arrow.table(table), path)
-    return path
-
-
-@pytest.mark.parametrize("suffix", [".csv", ".npz", ".h5", ".parquet"])
+@pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("t", [None, 5.0 + 2.0 * np.arange(6)], ids=["no time", "time"])
 def test_a_table_is_read_in_every_format(tmp_path, setup, suffix, t):
-    path = written(tmp_path, suffix, t)
+    path = write(tmp_path / f"poses{suffix}", table(t))
     for poses in (read_poses(path, setup), read_motion(path, setup)):
         assert isinstance(poses, Poses)
         np.testing.assert_allclose(poses.q, Q)
@@ -99,9 +79,9 @@ def test_what_is_no_table_of_poses_is_refused(setup, arrays, words):
 
 def test_a_log_stays_a_log_and_its_faults_are_told_as_before(tmp_path, setup):
     path = tmp_path / "log.csv"
-    path.write_text(csv_text(0.01 * np.arange(6)))
+    write(path, table(0.01 * np.arange(6)))
     assert isinstance(read_motion(path, setup), Log)
-    path.write_text(csv_text(rows=MOST + 1))
+    write(path, table(rows=MOST + 1))
     with pytest.raises(LogError) as of_log:
         read_log(path, setup)
     with pytest.raises(LogError) as caught:

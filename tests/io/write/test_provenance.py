@@ -6,10 +6,12 @@ import json
 import numpy as np
 import pytest
 import recordings
+import small_archive
 
 from ftbias_jax import __version__
 from ftbias_jax.cli.main import main
 from ftbias_jax.io import read_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.write import save_results
 from ftbias_jax.io.write.fields import FIELDS, SIGN
 from ftbias_jax.io.write.npz import load_npz, save_npz_parts
@@ -17,23 +19,7 @@ from ftbias_jax.io.write.provenance import provenance, sha256_of, source_of
 from ftbias_jax.io.write.selection import About
 from ftbias_jax.setup import dump_setup, load_setup
 
-NAMED = """
-[robot.flange]
-translation = [0, 0, 1]
-[[robot.joints]]
-axis = [0, 0, 1]
-point = [0, 0, 0]
-name = "base"
-[[robot.joints]]
-axis = [0, 1, 0]
-point = [0, 0, 0.5]
-name = "elbow"
-[sensor]
-noise_std = [0.1, 0.004]
-[tool]
-mass = 0.7
-center_of_mass = [0, 0, 0.06]
-"""
+NAMED = small_archive.named()
 ARRAYS = {"t": np.arange(3) * 0.01 + 1.7e9, "bias": np.ones((3, 6)), "log_likelihood": np.float64(3.0)}
 
 
@@ -61,27 +47,24 @@ def test_it_names_version_log_setup_robot_and_options(tmp_path, setup, origin):
     assert json.loads(json.dumps(origin)) == origin
 
 
-def test_the_date_is_that_of_the_logs_own_stamps(origin, setup):
+def test_the_date_is_that_of_the_logs_own_stamps(origin):
     start = np.datetime64(recordings.START, "ns").astype("datetime64[ms]")
     assert np.datetime64(origin["date"].removesuffix("+00:00")) == start
-    log = read_log_of_seconds(setup)
-    assert provenance(setup, [source_of(log)], {})["date"] is None
 
 
-def read_log_of_seconds(setup):
-    from ftbias_jax.io.log import Log
-
-    t = np.arange(100) * 0.01
-    return Log.from_arrays(setup, t, np.zeros((100, 2)), np.random.default_rng(0).normal(size=(100, 6)))
-
-
-def test_a_setup_from_a_file_is_named_with_its_sum(tmp_path):
+def test_of_arrays_and_a_setup_from_a_file_the_setup_is_named_with_its_sum(tmp_path):
     (tmp_path / "setup.toml").write_text(NAMED)
     setup = load_setup(tmp_path / "setup.toml")
-    said = provenance(setup, [source_of(read_log_of_seconds(setup))], {}, ["mine"])
+    wrench = np.random.default_rng(0).normal(size=(100, 6))
+    log = Log.from_arrays(setup, np.arange(100) * 0.01, np.zeros((100, 2)), wrench)
+    said = provenance(setup, [source_of(log)], {}, ["mine"])
+    assert said["date"] is None
     assert said["setup"] == {"name": "setup.toml", "sha256": sum_of(tmp_path / "setup.toml")}
-    assert said["logs"][0] | {"date": None} == said["logs"][0]
-    assert (said["logs"][0]["name"], said["logs"][0]["sha256"]) == ("mine", None)
+    assert {key: said["logs"][0][key] for key in ("name", "sha256", "date")} == {
+        "name": "mine",
+        "sha256": None,
+        "date": None,
+    }
 
 
 def test_a_folder_has_a_sum_that_every_file_of_it_changes(tmp_path):
@@ -90,9 +73,6 @@ def test_a_folder_has_a_sum_that_every_file_of_it_changes(tmp_path):
     assert before == sha256_of(str(tmp_path / "log"))
     (tmp_path / "log" / "metadata.yaml").write_text("changed")
     assert sha256_of(str(tmp_path / "log")) != before
-
-
-def test_a_file_that_is_gone_has_no_sum(tmp_path):
     assert sha256_of(str(tmp_path / "log.npz")) is None
 
 
@@ -119,17 +99,11 @@ def said(tmp_path, origin):
     return found
 
 
-def test_every_format_keeps_it(said, origin):
-    assert {name: made_from for name, (_, made_from) in said.items()} == dict.fromkeys(said, origin)
-
-
-def test_every_format_says_unit_sign_frame_and_contacts(said):
-    for about, _ in said.values():
-        assert {name: field["unit"] for name, field in about["fields"].items()} == {
-            "t": "s",
-            "bias": "N, Nm",
-            "log_likelihood": "nats",
-        }
+def test_every_format_says_origin_unit_sign_frame_and_contacts(said, origin):
+    for about, made_from in said.values():
+        assert made_from == origin
+        units = {name: field["unit"] for name, field in about["fields"].items()}
+        assert units == {"t": "s", "bias": "N, Nm", "log_likelihood": "nats"}
         assert (about["sign"], about["frame"], about["precision"]) == (SIGN, "wrist", "single")
         assert about["contacts"] == [{"start": 1.0, "end": 2.0}]
 

@@ -43,20 +43,15 @@ def test_zero_strength_changes_nothing_and_typical_strength_does(name, signals, 
 
 
 @pytest.mark.parametrize("name", RECORDING)
-def test_zero_strength_leaves_the_record_alone_and_typical_strength_does_not(name, signals, record):
+def test_zero_strength_leaves_record_and_filter_alone_and_typical_strength_does_not(name, signals, record):
     effect = CATALOGUE[name]
-    run = jax.jit(lambda values: compose.record(jax.random.key(4), record, signals.model, {name: values}))
-    jax.tree.map(partial(np.testing.assert_allclose, atol=1e-13), run(neutral_values(effect, signals.model)), record)
-    assert not jnp.array_equal(run(typical_values(effect, signals.model)).wrench, record.wrench)
-
-
-@pytest.mark.parametrize("name", RECORDING)
-def test_zero_strength_leaves_the_filters_input_alone(name, signals, record):
-    neutral = {name: neutral_values(CATALOGUE[name], signals.model)}
+    neutral = {name: neutral_values(effect, signals.model)}
     np.testing.assert_array_equal(compose.correct_record(record.wrench, signals.model, neutral), record.wrench)
-    variance = jnp.full(6, 0.01)
-    widened = compose.noise_variance(variance, jnp.ones_like(record.wrench), signals.model, neutral)
+    widened = compose.noise_variance(jnp.full(6, 0.01), jnp.ones_like(record.wrench), signals.model, neutral)
     np.testing.assert_allclose(widened, np.full(record.wrench.shape, 0.01))
+    run = jax.jit(lambda values: compose.record(jax.random.key(4), record, signals.model, {name: values}))
+    jax.tree.map(partial(np.testing.assert_allclose, atol=1e-13), run(neutral[name]), record)
+    assert not jnp.array_equal(run(typical_values(effect, signals.model)).wrench, record.wrench)
 
 
 def tangents(values):

@@ -9,7 +9,6 @@ from demo_logs import T, recorder
 
 from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.filtering import params_for_log, pipeline
-from ftbias_jax.filtering.result import named_arrays
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.model.effects.catalogue import CATALOGUE, typical_values
 from ftbias_jax.model.effects.types import Model
@@ -69,29 +68,6 @@ def test_a_known_smooth_effect_leaves_the_noise_floor(name, params, record):
     if name != "tool_inertia":  # slow motion hardly shows it
         assert unknown.max() > 1.1
     np.testing.assert_allclose(known, 1, atol=0.05)
-
-
-def test_a_known_warm_up_is_part_of_the_bias(params, record):
-    """The bias a filter reports is the whole of it, and the corrected wrench is the tool's."""
-    amplitude = np.array([4.0, -2, 1, 0.2, 0.1, -0.1])
-    effects = {"warmup": {"amplitude": jnp.array(amplitude), "tau": jnp.array(5.0)}}
-    plain = by_params.filter_with_params(params, record(None))
-    warm = by_params.filter_with_params(params._replace(effects=effects), record(effects))
-    settled = 1 - np.exp(-warm.t / 5.0)
-    np.testing.assert_allclose(warm.bias - plain.bias, settled[:, None] * amplitude, atol=1e-9)
-    np.testing.assert_allclose(warm.wrench_tool, plain.wrench_tool, atol=1e-9)
-    np.testing.assert_allclose(warm.wrench_unbiased, plain.wrench_unbiased, atol=1e-9)
-
-
-def test_no_effects_and_neutral_effects_are_the_same(params, record):
-    log = record(None)
-    neutral = {"gain": {"gain": jnp.ones(6)}, "time_delay": {"delay": jnp.array(0.0)}}
-    plain, with_neutral = (
-        by_params.filter_with_params(params, log),
-        by_params.filter_with_params(params._replace(effects=neutral), log),
-    )
-    for name, value in named_arrays(plain).items():
-        np.testing.assert_allclose(getattr(with_neutral, name), value, rtol=1e-9, atol=1e-9, err_msg=name)
 
 
 def test_a_saturated_sample_is_not_used(params, record):

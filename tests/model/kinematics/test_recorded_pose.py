@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.io.pose import quaternions_of
-from ftbias_jax.model.kinematics.recorded_pose import FreeBody, body_motion
+from ftbias_jax.model.kinematics.recorded_pose import FreeBody, body_motion, motions_of, path_of
 from ftbias_jax.model.kinematics.screws import Motion, rotation_from_vector, sensor_motion, sensor_pose
 
 
@@ -89,3 +89,19 @@ def test_a_quaternion_means_its_matrix():
     for matrix, quaternion in zip(matrices, quaternions_of(matrices), strict=True):
         motion = body_motion(FreeBody(jnp.zeros(3), jnp.eye(3)), jnp.asarray(quaternion), jnp.zeros(4), jnp.zeros(4))
         np.testing.assert_allclose(motion.R_base_sensor, matrix, atol=1e-14)
+
+
+def test_the_velocity_of_a_recorded_pose_is_the_derivative_of_its_position():
+    body = FreeBody(jnp.array([0.0, 0.1, 0.2]), jnp.eye(3))
+
+    def pose(t):
+        return jnp.array([1.0, jnp.sin(t), 0.3 * t, 0.2, t**2, jnp.cos(t), 0.1 * t])
+
+    def position(t):
+        zero = jnp.zeros((7, 1))
+        return path_of(motions_of(body, pose(t)[:, None], zero, zero)).position[0]
+
+    at = jnp.asarray(0.4)
+    rate = jax.jacfwd(pose)(at)
+    path = path_of(motions_of(body, pose(at)[:, None], rate[:, None], jnp.zeros((7, 1))))
+    np.testing.assert_allclose(path.velocity[0], jax.jacfwd(position)(at), rtol=1e-4, atol=1e-5)

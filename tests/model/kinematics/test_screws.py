@@ -1,4 +1,4 @@
-"""Kinematics against the matrix exponential, derivatives by JAX and differences of poses."""
+"""Kinematics against the matrix exponential and derivatives by JAX."""
 
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from jax.flatten_util import ravel_pytree
 
 from ftbias_jax.model.kinematics import screws
-from ftbias_jax.model.kinematics.screws import Motion, make_arm
+from ftbias_jax.model.kinematics.screws import Motion
 from ftbias_jax.types import Array
 
 CLOSE = {"rtol": 1e-10, "atol": 1e-12}
@@ -57,10 +57,6 @@ def rates(arm, q, dq, ddq):
 rotation_and_slope = jax.jit(lambda v: (screws.rotation_from_vector(v), jax.jacfwd(screws.rotation_from_vector)(v)))
 
 
-def pose_at(moving, q):
-    return kinematics(moving.arm, q, moving.dq, moving.ddq).pose
-
-
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -72,14 +68,10 @@ def homogeneous(rotation, position):
     return np.block([[np.asarray(rotation), np.asarray(position)[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
 
 
-def vector_of(skewed):
-    """w from [w]; (..., 3, 3) -> (..., 3)."""
-    return np.stack([skewed[..., 2, 1], skewed[..., 0, 2], skewed[..., 1, 0]], -1)
-
-
 def angular_rate(rotation, rotation_rate):
     """w of R' = [w] R."""
-    return vector_of(rotation_rate @ rotation.T)
+    skewed = rotation_rate @ rotation.T
+    return np.stack([skewed[2, 1], skewed[0, 2], skewed[1, 0]])
 
 
 def series_exponential(matrix):
@@ -152,26 +144,6 @@ def test_erratum_01_the_angular_hessian_is_not_symmetric(moving):
     assert hessian[:, 3:].swapaxes(1, 2)[j < k].any()
 
 
-def test_jacobian_is_the_difference_of_poses(moving):
-    h = 1e-6
-    now = kinematics(*moving)
-    columns = []
-    for direction in np.eye(len(moving.q)):
-        (R_high, p_high), (R_low, p_low) = (pose_at(moving, moving.q + sign * h * direction) for sign in (1, -1))
-        columns.append(np.r_[(p_high - p_low) / (2 * h), angular_rate(now.pose[0], (R_high - R_low) / (2 * h))])
-    np.testing.assert_allclose(now.motion.jacobian, np.stack(columns, 1), atol=1e-8)
-
-
-def test_erratum_01_acceleration_is_the_second_difference_of_the_pose(moving):
-    h = 1e-4
-    poses = [pose_at(moving, moving.q + moving.dq * t + moving.ddq * t**2 / 2) for t in (-h, 0, h)]
-    R, p = (np.stack(part) for part in zip(*poses, strict=True))
-    linear, turning = ((x[2] - 2 * x[1] + x[0]) / h**2 for x in (p, R))
-    second = turning @ R[1].T  # R'' R^T = [alpha] + [w]^2, whose skew part is [alpha]
-    expected = np.r_[linear, vector_of(second - second.T) / 2]
-    np.testing.assert_allclose(kinematics(*moving).acceleration, expected, rtol=1e-6, atol=3e-6)
-
-
 @given(seed=seeds)
 def test_recursion_equals_the_jacobian_and_hessian_form(arm, seed):
     """The report's (H dq) dq + J ddq, with the derivative of the Jacobian by JAX."""
@@ -183,19 +155,6 @@ def test_recursion_equals_the_jacobian_and_hessian_form(arm, seed):
     np.testing.assert_allclose(now.twist, motion.jacobian @ dq, rtol=1e-10, atol=1e-11)
     expected = np.einsum("jik,j,k->i", now.hessian, dq, dq) + motion.jacobian @ ddq
     np.testing.assert_allclose(now.acceleration, expected, rtol=1e-10, atol=1e-10)
-
-
-def test_a_gantry_of_prismatic_joints_only_translates():
-    axes = np.array([[1, 0, 0], [0, 0.6, 0.8], [0, 0, 1]], float)
-    gantry = make_arm(np.hstack([axes, np.zeros((3, 3))]), np.array([0.1, 0.2, 0.3]), np.diag([1.0, -1.0, -1.0]))
-    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 3))
-    motion = screws.sensor_motion(gantry, q, dq, ddq)
-    np.testing.assert_array_equal(motion.R_base_sensor, np.diag([1, -1, -1]))
-    np.testing.assert_allclose(motion.p_base_sensor, [0.1, 0.2, 0.3] + q @ axes, **CLOSE)
-    np.testing.assert_allclose(motion.linear_velocity, dq @ axes, **CLOSE)
-    np.testing.assert_allclose(motion.linear_acceleration, ddq @ axes, **CLOSE)
-    assert not motion.angular_velocity.any()
-    assert not motion.angular_acceleration.any()
 
 
 @jax.jit

@@ -9,19 +9,43 @@ import pytest
 
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.model.kinematics.arm_batch import arm_motion
+from ftbias_jax.model.kinematics.screws import make_arm, rotation_from_vector
 from ftbias_jax.model.wrench.batch import PIECE, wrenches, wrenches_in_motion
 from ftbias_jax.model.wrench.tool_wrench import Model, covariance_of_joints, joint_sensitivity
 
 COUNT = PIECE + 9  # a whole piece and a part
+ARMS = ("generic", "parallel", "sliding", "helical", "single", "nearly parallel")
+
+
+def states(n):
+    """Joints (T, 3, n) and their covariance (T, 3, 3, n)."""
+    rng = np.random.default_rng(1)
+    root = rng.normal(size=(COUNT, n, 3, 3))
+    covariance = np.moveaxis(root @ np.swapaxes(root, 2, 3), 1, -1)
+    return jnp.asarray(rng.normal(size=(COUNT, 3, n))), jnp.asarray(covariance)
 
 
 @pytest.fixture(scope="module")
 def joints(params):
-    rng = np.random.default_rng(1)
-    n = params.arm.linear.shape[0]
-    root = rng.normal(size=(COUNT, n, 3, 3))
-    covariance = np.moveaxis(root @ np.swapaxes(root, 2, 3), 1, -1)
-    return jnp.asarray(rng.normal(size=(COUNT, 3, n))), jnp.asarray(covariance)
+    return states(params.arm.linear.shape[0])
+
+
+def arm_of(kind):
+    rng = np.random.default_rng(3)
+    axes = rng.normal(size=(1 if kind == "single" else 5, 3))
+    if kind == "parallel":
+        axes[:] = [0, 0, 1]
+        axes[2] *= -1
+    if kind == "nearly parallel":
+        axes = np.array([0.6, 0, 0.8]) + 1e-9 * axes
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    linear = -np.cross(axes, rng.normal(size=axes.shape))
+    if kind == "helical":
+        linear += 0.1 * axes
+    if kind == "sliding":
+        linear[1::2], axes[1::2] = 1.5 * axes[1::2], 0
+    R = rotation_from_vector(jnp.asarray(rng.normal(size=3)))
+    return make_arm(np.concatenate([linear, axes], 1), rng.normal(size=3), R)
 
 
 def one_by_one(params, model, mean, covariance):
@@ -60,6 +84,16 @@ def test_they_are_those_of_each_sample_with_their_slopes(params, joints):
     for (path, one), other in zip(jax.tree.leaves_with_path(expected), jax.tree.leaves(got), strict=True):
         atol = 1e-11 * np.abs(one).max()
         np.testing.assert_allclose(other, one, rtol=1e-10, atol=atol, err_msg=jax.tree_util.keystr(path))
+
+
+@pytest.mark.parametrize("kind", ARMS)
+def test_joints_of_every_kind_are_seen_from_the_sensor_as_from_the_base(params, kind):
+    arm = arm_of(kind)
+    model = Model(arm, jnp.array([0.3, -0.2, -9.8]), params.theta)
+    given = states(arm.linear.shape[0])
+    expected = jax.jit(partial(one_by_one, params))(model, *given)
+    for got, other in zip(jax.jit(of_states)(model, *given), expected, strict=True):
+        np.testing.assert_allclose(got, other, rtol=1e-10, atol=1e-11 * np.abs(other).max())
 
 
 def test_forward_mode_and_vmap(params, joints):

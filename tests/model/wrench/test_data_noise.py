@@ -43,17 +43,12 @@ def test_the_variances_are_those_of_noisy_motions():
 def test_a_setup_states_it():
     rad = {"angular_velocity": 0.2, "linear_acceleration": 0.5}
     params = params_from_setup(parse_setup({**SETUP, "data_noise": rad}))
-    expected = np.zeros(36)
-    expected[:3] = 0.25
-    np.testing.assert_allclose(params.bias.data_variance[:3], expected[:3], rtol=1e-12)
+    np.testing.assert_allclose(params.bias.data_variance[:3], np.full(3, 0.25), rtol=1e-12)
     np.testing.assert_allclose(params.bias.data_variance[3], 2 * 2 * 0.2**4, rtol=1e-12)  # -(wy^2 + wz^2)
+    assert params_from_setup(parse_setup(SETUP)).bias.data_variance is None
     entries = np.linspace(0, 2, 36)
     params = params_from_setup(parse_setup({**SETUP, "data_noise": {"entries": list(entries)}}))
     np.testing.assert_allclose(params.bias.data_variance, entries**2, rtol=1e-12)
-
-
-def test_without_the_section_it_is_none_and_costs_nothing():
-    assert params_from_setup(parse_setup(SETUP)).bias.data_variance is None
 
 
 def folded(params):

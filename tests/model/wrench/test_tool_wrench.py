@@ -1,6 +1,4 @@
-"""The wrench of a tool against Newton and Euler, and its covariance against dense linear algebra."""
-
-from typing import NamedTuple
+"""The parts of a tool's wrench and its covariance, against dense linear algebra; test_engines.py has its physics."""
 
 import jax
 import jax.numpy as jnp
@@ -11,53 +9,10 @@ from hypothesis import strategies as st
 from ftbias_jax.filtering.pipeline import predict_wrench
 from ftbias_jax.model.kinematics.screws import sensor_motion
 from ftbias_jax.model.wrench import tool_wrench
-from ftbias_jax.types import Array
 
 data_matrix = jax.jit(tool_wrench.data_matrix)
-tool_parameters = jax.jit(tool_wrench.tool_parameters)
 
 seeds = st.integers(0, 2**32 - 1)
-
-
-class Tool(NamedTuple):
-    """A rigid tool, its inertia (3, 3) about the centre of mass."""
-
-    mass: float
-    center: Array
-    inertia: Array
-
-    def theta(self):
-        return tool_parameters(self.mass, self.center, self.inertia[np.triu_indices(3)])
-
-
-def random_tool(rng):
-    root = rng.normal(size=(3, 3))
-    return Tool(rng.uniform(0.1, 3), rng.uniform(-0.1, 0.1, 3), 1e-3 * root @ root.T)
-
-
-def newton_euler(tool, specific_force, omega, alpha):
-    """Force and torque about the sensor origin that move the tool, all in the sensor frame."""
-    at_center = specific_force + np.cross(alpha, tool.center) + np.cross(omega, np.cross(omega, tool.center))
-    force = tool.mass * at_center
-    moment = tool.inertia @ alpha + np.cross(omega, tool.inertia @ omega)
-    return np.concatenate([force, moment + np.cross(tool.center, force)])
-
-
-@given(seed=seeds)
-def test_data_matrix_is_newton_and_euler(seed):
-    rng = np.random.default_rng(seed)
-    tool, motion = random_tool(rng), rng.normal(size=(3, 3))
-    expected = newton_euler(tool, *motion)
-    np.testing.assert_allclose(data_matrix(*motion) @ tool.theta(), expected, rtol=1e-12, atol=1e-13)
-
-
-@given(seed=seeds)
-def test_tool_parameters_move_the_inertia_to_the_sensor(seed):
-    tool = random_tool(np.random.default_rng(seed))
-    c = tool.center
-    steiner = tool.mass * (c @ c * np.eye(3) - np.outer(c, c))
-    expected = np.r_[tool.mass, tool.mass * c, (tool.inertia + steiner)[np.triu_indices(3)]]
-    np.testing.assert_allclose(tool.theta(), expected, rtol=1e-13)
 
 
 def test_erratum_05_vec_stacks_columns():
