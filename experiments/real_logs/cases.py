@@ -24,9 +24,9 @@ def folder():
     return real if real and real.is_dir() else None
 
 
-def kuka(real, run):
-    """The setup and one of KUKA_RUNS."""
-    setup = ft.load_setup(real / "kuka_ati" / "orientation_only.toml")
+def kuka(real, run, motion="orientation_only"):
+    """The setup and one of KUKA_RUNS; with motion "specific_force" the accelerometer is used, too."""
+    setup = ft.load_setup(real / "kuka_ati" / f"{motion}.toml")
     return setup, ft.read_log(real / "kuka_ati" / f"merged_{run}.csv", setup)
 
 

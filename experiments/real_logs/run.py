@@ -46,6 +46,7 @@ def study_kuka(real):
         scored[run] = {
             "measured bias at rest": rounded(truth),
             "default": at_the_end(result, truth),
+            "with the accelerometer": at_the_end(ft.filter_log(*kuka(real, run, "specific_force")), truth),
             "as stated": at_the_end(stated, truth),
             "contacts [s]": [rounded([x.start, x.end]) for x in result.noise.contacts],
             "share used": rounded(result.used.mean()),

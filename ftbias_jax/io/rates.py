@@ -23,7 +23,7 @@ LEAST_SHARE = 0.1
 """Of samples that are held; fewer are lost packets, which are another fault."""
 UNEXPLAINED = 0.8
 """Share of the samples in which all axes repeat that the repeats of single axes must not explain. On quantised logs of
-an arm that stops and goes it is 0.4 at most (``tests/io/rates/test_held.py``)."""
+an arm that stops and goes it is 0.4 at most (``tests/io/test_rates.py``)."""
 BY_CHANCE = 0.1
 """Share of them up to which every one is a repeat; where single axes explain more, a long run is of equal readings."""
 COINCIDENT = 0.8
