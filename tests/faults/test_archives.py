@@ -108,10 +108,12 @@ def test_a_full_disk_leaves_the_old_result_and_one_line(logs, disk, capsys, room
 
 
 def test_a_disk_that_is_full_in_the_middle_of_an_archive(logs, disk, capsys):
-    assert filter_archive("logs") == 0
-    expected, used = outputs(), 10**9 - disk.room
-    for path in (logs.parent / "out").rglob("*.npz"):
-        path.unlink()
+    for _ in range(2):  # the first time compiled programs may take room, too
+        disk.room = 10**9
+        assert filter_archive("logs") == 0
+        expected, used = outputs(), 10**9 - disk.room
+        for path in (logs.parent / "out").rglob("*.npz"):
+            path.unlink()
     disk.room = used * 3 // 4  # a result takes its room twice while it is made
     assert filter_archive("logs") == 3
     assert [entry.status for entry in manifest()] == ["ok", "failed", "failed"]
