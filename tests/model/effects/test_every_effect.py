@@ -27,6 +27,8 @@ SMOOTH = [name for name in PREDICTING if not any(parameter.search for parameter 
 RECORDING = [name for name, effect in CATALOGUE.items() if effect.hook == "record"]
 SETTLED = {"joint", "time", "link"}
 """Parameters that select: the prediction is piecewise constant in them."""
+BACKWARDS = ("cable", "tool_flexibility", "mount_rotation", "low_pass", "time_delay")
+"""Those whose gradients in reverse, slow to compile, every run checks."""
 
 
 PARAMETERS = [(name, parameter) for name, effect in CATALOGUE.items() for parameter in effect.parameters]
@@ -172,7 +174,9 @@ def test_derivatives_at_zero_strength_are_finite_and_a_smooth_effects_are_regres
         assert chosen or name not in SMOOTH or jnp.abs(regressor).max() > 1e-4
 
 
-@pytest.mark.parametrize("name", PREDICTING)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n in BACKWARDS else pytest.mark.slow) for n in PREDICTING]
+)
 def test_gradients_at_zero_strength_are_finite(name, signals, wrench):
     neutral = neutral_values(CATALOGUE[name], signals.model)
     at = {key: jnp.where(jnp.isfinite(value), value, 1e3) for key, value in neutral.items()}
@@ -198,7 +202,6 @@ CLEAR = {
     "outliers": {"rate": 0.01},
 } | {name: {} for name in ("tool_flexibility", "saturation", "noise_level", "vibration", "dropped_samples")}
 """Where so many departures say nothing, or too much; {} = typical values."""
-QUICK = ("encoder_offset", "noise_level")
 
 
 def clear_values(name, setup):
@@ -211,7 +214,8 @@ def clear_values(name, setup):
     return {key: np.asarray(x + TIMES * (typical[key] - x)).tolist() for key, x in neutral.items()}
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow) for n in CATALOGUE])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CATALOGUE)
 def test_what_is_simulated_is_found_and_applied_and_then_filtered_away(name):
     setup = parse_setup(SETUP)
     made = simulate(setup, {name: clear_values(name, setup)}, duration=20, rate=125, seed=1)
