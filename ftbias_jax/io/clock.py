@@ -104,8 +104,18 @@ def stamps_of(t: Array, log: LogSetup) -> Array:
     return t.astype(np.int64) * unit
 
 
-def later(t: Array, seconds: float) -> Array:
-    """(T,) stamps, floating point in s or integers in ns, moved by so many seconds."""
+def on_right_clock(t: Array, log: LogSetup, quantity: str) -> Array:
+    """(T,) stamps of one stream, s or integers in ns: the rate of its clock taken off, then its offset added.
+
+    Args:
+        t: as recorded, with their units.
+        log: states the rate of the wrench's clock, [log.clocks], and the offsets, [log.time_offsets].
+        quantity: what the stream is, as these name it.
+    """
+    if quantity == "wrench" and log.wrench_rate and len(t):
+        ahead = (t - t[0]) * (1e-6 * log.wrench_rate)
+        t = t - (np.rint(ahead).astype(np.int64) if t.dtype.kind == "i" else ahead)
+    seconds = log.time_offsets.get(quantity, 0.0)
     return t + (round(seconds * 1e9) if t.dtype.kind == "i" else seconds)
 
 

@@ -43,7 +43,7 @@ def log_of(recording: Recording, setup: Setup, file: str = "") -> Log:
     mended: list[Repair] = []
     recording = credible(recording, mended)
     chosen = choose(recording, ("position", "velocity", "wrench", "temperature"), setup, file)
-    parts = on_one_clock(parts_of(chosen, setup, mended, file), setup.log.time_offsets, file)
+    parts = on_one_clock(parts_of(chosen, setup, mended, file), setup.log, file)
     log = log_of_parts(parts, setup, tuple(mended), file)
     return log._replace(frame=chosen["wrench"][1].names[0])
 
