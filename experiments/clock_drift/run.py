@@ -66,7 +66,6 @@ def one(seed, drifts, delayed):
         "offset": round(offset, 5),
         "verdict": found.verdict,
         "causes": [cause.effect for cause in found.causes],
-        "twins": list(found.causes[0].indistinguishable_from) if found.causes else [],
         "cpu_seconds": round(time.process_time() - start, 1),
     }
     cause = next((cause for cause in found.causes if cause.effect == "clock_drift"), None)

@@ -167,8 +167,7 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
     without = fit(problem, rest, accepted) if rest else base
     gain = accepted.log_likelihood - without.log_likelihood
     left = max(-accepted.log_likelihood - (problem.samples > 0).sum() / 2, 0.0)
-    entry = problem.catalogue[cause.effect]
-    declared = {twin.effect for twin in entry.twins} - {entry.fit.extends}  # beyond which it has earned its place
+    declared = {twin.effect for twin in problem.catalogue[cause.effect].twins}
     twins: dict[str, None] = {}
     hopeful = [s for s in scored if s.hypothesis.effect not in named and s.nats > HOPELESS * scored[0].nats]
     for other in hopeful[:MOST_TRIED]:
