@@ -18,6 +18,7 @@ import numpy as np
 
 from ftbias_jax.setup import types
 from ftbias_jax.setup.fields import Section, check_keys, read_only, refuse, require, show, subsection, table, text
+from ftbias_jax.setup.keys.table import PER_JOINT as OF_JOINTS
 from ftbias_jax.setup.keys.table import SECTIONS, TOP, open_section, read, read_all
 from ftbias_jax.setup.recorded import POSE, LogSetup, PoseSetup
 from ftbias_jax.setup.robots import BUILT_IN, CONVENTIONS, built_in_robot, prismatic_screw, read_dh, revolute_screw
@@ -63,7 +64,8 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> types.Setup:
         _data_noise(top),
     )
     urdf = _urdf_path(table(top, "robot"))
-    return types.Setup(robot, sensor, tool, bias, joints, log, _effects(top), data_noise, pose, file, urdf)
+    limits = _limits(top, robot)
+    return types.Setup(robot, sensor, tool, bias, joints, log, _effects(top), data_noise, pose, limits, file, urdf)
 
 
 def _pose(top: Section) -> PoseSetup | None:
@@ -268,6 +270,20 @@ def _column_keys(log: Section, known: Collection[str]) -> tuple[str, ...]:
     given = log.values.get("columns")
     further = (key for key in given if key not in known) if isinstance(given, Mapping) else ()
     return (*known, *(key for key in further if key.isidentifier() and not difflib.get_close_matches(key, known)))
+
+
+def _limits(top: Section, robot: types.RobotSetup) -> types.LimitsSetup:
+    """[limits]: lower ends are below upper ones, and an axis has a length."""
+    section = open_section(top, "limits")
+    by_joint = [key for key, spec in SECTIONS["limits"].keys.items() if spec.size == OF_JOINTS]
+    values = {key: read(section, key, len(robot.joint_names)) for key in by_joint} | read_all(section, by_joint)
+    for lower, upper in (("position_lower", "position_upper"), ("box_lower", "box_upper")):
+        low, high = values[lower], values[upper]
+        if low is not None and high is not None and not (low < high).all():
+            raise section.error(lower, f"{show(low.tolist())} is not below {upper}", "exchange them")
+    if not np.linalg.norm(values["keep_axis"]) > 0:
+        raise section.error("keep_axis", "has no length", "give the axis in the sensor frame, such as [0, 0, 1]")
+    return types.LimitsSetup(**values)
 
 
 def _effects(top: Section) -> dict[str, Any]:
