@@ -49,7 +49,7 @@ def logs_of(
             check_writable(path, SUFFIXES.get(kinds.get(option, ""), ""), option)
     paths = expand(arguments.logs, setup.log.files)
     if stated is None:
-        stated = (setup.urdf,) if in_place else setup.files
+        stated = (setup.description,) if in_place else setup.files
     check_outputs(outputs, (*inputs(paths, setup.log.files), *stated), kinds, arguments.force)
     return paths
 

@@ -225,8 +225,8 @@ class Setup:
     """What a planned motion must keep to."""
     path: str = ""
     """The file it was read from, for messages; "" = from memory."""
-    urdf: str = ""
-    """The URDF file that it refers to; "" = none."""
+    description: str = ""
+    """The URDF or MJCF file that it refers to; "" = none."""
     source: str = ""
     """The text it was read from, whose comments and order ``save`` keeps; "" = from memory."""
     comments: Mapping[str, str] = field(default_factory=dict)
@@ -242,7 +242,7 @@ class Setup:
     @property
     def files(self) -> tuple[str, str]:
         """What it was read from, which no result may replace; "" = nothing."""
-        return self.path, self.urdf
+        return self.path, self.description
 
     # The room's __init__ binds the functions that these two are, because those are made of what this module defines.
 

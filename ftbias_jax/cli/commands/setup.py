@@ -1,4 +1,4 @@
-"""``ftbias setup``: a first setup, as far as a robot's name, a URDF or a log tell it. ``ftbias export``: its tool."""
+"""``ftbias setup``: a first setup, as far as a robot's name, files or a log tell it. ``ftbias export``: its tool."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def run(arguments: argparse.Namespace) -> int:
         width = max(map(len, BUILT_IN))
         print("\n".join(f"{name:{width}s}  {describe_robot(name)}" for name in BUILT_IN))
         return 0
-    if not (arguments.logs or arguments.robot or arguments.urdf or arguments.dh):
-        remedy = "name a built-in robot, or give --urdf FILE, --dh FILE or a LOG; --list shows the robots"
+    if not (arguments.logs or arguments.robot or arguments.urdf or arguments.mjcf or arguments.dh):
+        remedy = "name a built-in robot, or give --urdf FILE, --mjcf FILE, --dh FILE or a LOG; --list shows the robots"
         raise UsageError("nothing says which robot", field="--robot", remedy=remedy)
     if (arguments.dh_convention or arguments.dh_units) and not arguments.dh:
         field = "--dh-convention" if arguments.dh_convention else "--dh-units"
@@ -41,13 +41,15 @@ def run(arguments: argparse.Namespace) -> int:
     if output:
         check_writable(output, ".toml")
     places = {"--output": output, "the recording's URDF": urdf_beside(output) if output else ""}
-    check_outputs(places, (*arguments.logs, arguments.urdf, arguments.dh))
+    check_outputs(places, (*arguments.logs, arguments.urdf, arguments.mjcf, arguments.dh))
     if output:
         refuse_existing(output)
     request = Request(
         logs=arguments.logs,
         robot=arguments.robot,
         urdf=arguments.urdf,
+        mjcf=arguments.mjcf,
+        site=arguments.site,
         base_link=arguments.base,
         tip_link=arguments.tip,
         dh=DhTable(arguments.dh, arguments.dh_convention, arguments.dh_units) if arguments.dh else None,

@@ -28,14 +28,16 @@ from ftbias_jax.setup.robots import CONVENTIONS, UNITS
 
 OF_SETUPS = {
     "setup": Command(
-        "draft a setup from a robot's name, a URDF or a log",
-        "Write a commented setup with everything that the robot's name, its URDF and LOG tell: kinematics, limits, "
-        "names of joints, topics, mounting, noise, and the tool by its weight. What is left says 'measure me'.",
+        "draft a setup from a robot's name, a URDF, an MJCF or a log",
+        "Write a commented setup with everything that the robot's name, its URDF or MJCF and LOG tell: kinematics, "
+        "limits, names of joints, topics, mounting, noise, and the tool by its weight. What is left says 'measure me'.",
         (
             option("logs", "LOG", "a log that shall be filtered with it; or all its files, one a stream", nargs="*"),
             option("--robot", "NAME", "a built-in robot; --list shows them", default=""),
             option("--urdf", "FILE", "a URDF instead", default=""),
-            option("--base", "LINK", "base link of the URDF (default: the root)", default=""),
+            option("--mjcf", "FILE", "an MJCF instead (needs the extra 'mujoco')", default=""),
+            option("--site", "SITE", "of the MJCF: where the sensor is (default: as its sensors say)", default=""),
+            option("--base", "LINK", "base: link of the URDF (the root), or body of the MJCF (the world)", default=""),
             option("--tip", "LINK", "flange of the URDF (default: tool0, flange, ...)", default=""),
             option("--dh", "FILE", "a Denavit-Hartenberg table instead: CSV, columns a, alpha, d, theta", default=""),
             option(
