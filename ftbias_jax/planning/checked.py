@@ -98,7 +98,14 @@ def times(duration: float) -> Float[np.ndarray, " T"]:
 
 
 def shares(limits: Limits, start: np.ndarray, motion: Motion) -> Float[np.ndarray, "4 n"]:
-    """(4, n) the largest share of its position, velocity, acceleration and jerk that each joint uses."""
+    """(4, n) the largest share of its room about the first pose, and of its rates, that each joint uses."""
     moved = np.stack([motion.q - start, motion.dq, motion.ddq, motion.jerk])
-    largest: np.ndarray = np.asarray(joint_shares(limits, start, moved)).max(1)
+    largest: np.ndarray = np.array(joint_shares(limits, start, moved)).max(1)
     return largest
+
+
+def used_shares(limits: Limits, start: np.ndarray, motion: Motion) -> Float[np.ndarray, "4 n"]:
+    """(4, n) the same with the share of its whole travel, rad from the middle; 1 = at the end of it."""
+    found, middle = shares(limits, start, motion), (limits.upper + limits.lower) / 2
+    found[0] = (np.abs(motion.q - middle) / (limits.upper - middle)).max(0)
+    return found

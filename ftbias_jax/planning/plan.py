@@ -17,7 +17,7 @@ from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.model.trajectories import working_range
 from ftbias_jax.planning.asked import TOOL, Asked, asked_for
-from ftbias_jax.planning.checked import excess_at_rest, shares, times, within_limits
+from ftbias_jax.planning.checked import excess_at_rest, times, used_shares, within_limits
 from ftbias_jax.planning.climb import Task, best_shape, told_by
 from ftbias_jax.planning.forecast import forecast, information_of_logs
 from ftbias_jax.planning.limits import Limits, check_start, limits_of
@@ -92,7 +92,7 @@ def plan(
     limits, assumed = limits_of(setup, first, margin)
     task = make_task(setup, params, limits, first, asked, duration, rate)
     check_start(limits, first, setup.robot.joint_names, excess_at_rest(task, catalogue))
-    free = best_shape(task, names, catalogue, seed, lambda share: progress(f"searching, {share:.0%} done"))
+    free = best_shape(task, names, catalogue, seed, lambda share: progress(f"searching, {share // 0.25 / 4:.0%} done"))
     progress("checking the limits")
     found, _ = within(task.points, limits, first, jnp.asarray(free))
     coefficients = within_limits(task, np.asarray(found), duration, catalogue)
@@ -105,7 +105,7 @@ def plan(
     entries = [catalogue[name] for name in names if name in catalogue]
     expected = forecast(asked, of_plan, of_rest, of_logs, entries)
     checked = motion_at(times(duration), duration, first, coefficients)
-    used = shares(limits_of(setup, first, 0.0)[0], first, checked)
+    used = used_shares(limits_of(setup, first, 0.0)[0], first, checked)
     told = Options(to_find, duration, rate, margin, seed)
     return Plan(setup, told, asked, motion, expected, used, assumed, tuple(logs), time.monotonic() - began)
 

@@ -61,6 +61,7 @@ def test_joints_keep_to_their_limits_and_use_them(setup, made):
     for moving, most in ((dq, 1.5), (ddq, 3.0), (jerk, 30.0)):
         assert np.abs(moving).max() <= (1 - MARGIN) * most
     assert made.used[1:].max(0).min() > 0.5, "every joint moves as it may"
+    assert made.used.max() <= 1 - MARGIN + 1e-9
     np.testing.assert_allclose([q[0], q[-1]], [plan.first_pose(setup, (), None)] * 2, atol=1e-12)
 
 
