@@ -15,6 +15,7 @@
     diagnosis = ft.diagnose(setup, [log])               # print(diagnosis); diagnosis.apply(setup)
     plan = ft.plan(setup, "tool")                       # the next motion: print(plan); plan.save("motion.csv")
     found = ft.calibrate(setup, [log])                  # all of that; found.setup keeps what predicts better
+    sensor = ft.sensor_model(setup)                     # its errors, step by step, for any simulator
     setup = ft.setup_with(setup, params)                # params that a program of your own made likelier
 
 The verbs compute in float64 whatever JAX's setting is, give numpy arrays back, and leave JAX's settings as they are but
@@ -63,6 +64,8 @@ if TYPE_CHECKING:
     from ftbias_jax.planning.plan import plan
     from ftbias_jax.planning.result import Plan
     from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
+    from ftbias_jax.simulators.sensor_file import load_sensor_model, sensor_model
+    from ftbias_jax.simulators.sensor_model import SensorModel
     from ftbias_jax.types import Sample
 
 __version__ = "0.1.0"
@@ -90,6 +93,7 @@ __all__ = [
     "Poses",
     "Repair",
     "Sample",
+    "SensorModel",
     "Setup",
     "SetupError",
     "Signals",
@@ -108,6 +112,7 @@ __all__ = [
     "identify_tool",
     "layout_of",
     "load_effects",
+    "load_sensor_model",
     "load_setup",
     "log_likelihood",
     "options_from_setup",
@@ -117,6 +122,7 @@ __all__ = [
     "read_log",
     "read_poses",
     "samples_from_log",
+    "sensor_model",
     "setup_with",
     "simulate",
     "tune",
@@ -156,6 +162,8 @@ _MODULES = {
     "planning.plan": "plan",
     "planning.result": "Plan",
     "setup": "Setup dump_setup load_setup parse_setup",
+    "simulators.sensor_file": "load_sensor_model sensor_model",
+    "simulators.sensor_model": "SensorModel",
     "types": "Sample",
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names.split()}
