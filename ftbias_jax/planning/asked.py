@@ -5,7 +5,7 @@ No effect is known here by name: an entry of the catalogue says which of its num
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -13,11 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.calibration.tool.physical import NAMES, UNITS, data_sheet, tool_units
-from ftbias_jax.diagnosis.regression.coordinates import can_move, why_not_fitted
+from ftbias_jax.diagnosis.regression.coordinates import can_move, scale_of, why_not_fitted
 from ftbias_jax.errors import UsageError
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import Catalogue, check_names, complete, typical_values, values_of
-from ftbias_jax.model.effects.fitting import ByJoint, Samples
+from ftbias_jax.model.effects.fitting import INVERSE, LOGARITHM, ByJoint, Samples
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Values
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
 from ftbias_jax.types import AXES
@@ -29,6 +29,13 @@ if TYPE_CHECKING:
 
 TOOL = "tool"
 """Asks for the tool's mass, centre of mass and inertia."""
+
+
+ROUNDING = 1e-12
+LOOSE = 0.3
+"""Share of the inertia that a tool of its mass can have by which the one in the setup may be off."""
+INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
+"""Six numbers in kg m^2; six of any other unit are of the channels."""
 
 
 class Asked(NamedTuple):
@@ -66,7 +73,7 @@ def asked_for(name: str, model: Model, catalogue: Catalogue, stated: Mapping[str
     check_names([name], "for", catalogue)
     effect = catalogue[name]
     why = "it is read off single samples" if isinstance(effect.fit.search, Samples) else why_not_fitted(effect)
-    if any(-1 in parameter.shape for parameter in effect.parameters):
+    if not why and any(-1 in parameter.shape for parameter in effect.parameters):
         why = "it happens when it happens"
     if why:
         raise UsageError(f"{name}: {why}", field="for", remedy="record a longer log: no motion shows it better")
@@ -74,7 +81,7 @@ def asked_for(name: str, model: Model, catalogue: Catalogue, stated: Mapping[str
     values = _for_all_joints(effect, complete(effect, given, model), model.arm.angular.shape[0])
     base = np.concatenate([np.ravel(values[parameter.name]) for parameter in effect.parameters])
     movable = _movable(effect, model.arm.angular.shape[0])
-    numbers = [row for parameter in effect.parameters for row in _rows(parameter, np.shape(values[parameter.name]))]
+    numbers = [row for p in effect.parameters for row in _rows(effect, p, np.asarray(values[p.name]))]
     labels, units, sizes = zip(*(numbers[i] for i in movable), strict=True)
     return Asked(name, labels, units, base[movable], np.array(sizes), base)
 
@@ -106,19 +113,17 @@ def _movable(effect: Effect, joints: int) -> np.ndarray:
     return np.flatnonzero(np.concatenate(able))
 
 
-def _rows(parameter: Parameter, shape: tuple[int, ...]) -> list[tuple[str, str, float]]:
-    """Of each number of a parameter its name, its unit, and how far it typically departs."""
-    sizes = np.broadcast_to(np.asarray(parameter.scale, float), shape).ravel().tolist()
-    axes: dict[tuple[int, ...], tuple[str, ...]] = {
-        (): ("",),
-        (3,): ("_x", "_y", "_z"),
-        (6,): tuple(map("_{}".format, AXES)),
-    }
-    by_number = tuple("_" + ",".join(str(i + 1) for i in index) for index in np.ndindex(shape))
-    return [
-        (parameter.name + axis, parameter.unit, size)
-        for axis, size in zip(axes.get(shape, by_number), sizes, strict=True)
-    ]
+def _rows(effect: Effect, parameter: Parameter, values: np.ndarray) -> list[tuple[str, str, float]]:
+    """Of each number of a parameter its name, its unit, and how far it typically departs from these values."""
+    _, _, unit, *_ = scale = scale_of(effect, parameter)
+    at = np.ravel(values)
+    size = {LOGARITHM: np.abs(at), INVERSE: at**2 / np.where(unit > 0, unit, 1)}.get(scale.kind, unit)
+    axes: dict[tuple[int, ...], tuple[str, ...]] = {(): ("",), (3,): ("_x", "_y", "_z")}
+    axes[(6,)] = tuple(f"_{axis}" for axis in (INERTIA if parameter.unit == "kg m^2" else AXES))
+    by_number = tuple("_" + ",".join(str(i + 1) for i in index) for index in np.ndindex(np.shape(values)))
+    labels = axes.get(np.shape(values), by_number)
+    sizes = np.broadcast_to(size, at.shape).tolist()
+    return [(parameter.name + label, parameter.unit, one) for label, one in zip(labels, sizes, strict=True)]
 
 
 def reading(
@@ -137,31 +142,66 @@ def reading(
     if name == TOOL:
         model = signals.model._replace(theta=tool_parameters(x[0], x[1:4], x[4:]))
         return compose.predict(signals._replace(model=model), known, catalogue)
-    effect, joints = catalogue[name], signals.q.shape[1]
-    numbers, values, first = base.at[_movable(effect, joints)].set(x), {}, 0
+    values = _values(catalogue[name], base, x, signals.q.shape[1])
+    return compose.predict(signals, values_of({**known, name: values}, catalogue), catalogue)
+
+
+def _values(effect: Effect, base: Array, x: Array, joints: int) -> EffectValues:
+    """Parameters of an effect from all its numbers, and those (P,) that are asked for."""
+    numbers, values, first = jnp.asarray(base).at[_movable(effect, joints)].set(x), {}, 0
     for parameter in effect.parameters:
         shape = (joints,) if isinstance(effect.fit.search, ByJoint) else parameter.shape
         count = int(np.prod(shape))
         values[parameter.name] = numbers[first : first + count].reshape(shape)
         first += count
-    return compose.predict(signals, values_of({**known, name: values}, catalogue), catalogue)
+    return values
+
+
+def inertia_std(asked: Sequence[Asked], model: Model, catalogue: Catalogue) -> np.ndarray:
+    """(6,) kg m^2: how well the inertia in a setup can be trusted while two effects are told apart.
+
+    Nobody weighs an inertia. If it counted as known, an equal gain of all channels could be told from a heavier tool by
+    the inertia that does not grow with it. Where an effect is about nothing but the inertia, that is given: zeros.
+    """
+    still = jnp.zeros((1, model.arm.angular.shape[0]))
+    at_rest = Signals(jnp.zeros(1), still, still, still, jnp.zeros(1), model)
+    for one in asked:
+        values = {one.name: _values(catalogue[one.name], one.base, jnp.asarray(one.at), still.shape[1])}
+        changed = compose.transform(at_rest, values_of(values, catalogue), catalogue).model.theta - model.theta
+        mass_and_center, inertia = jnp.split(jnp.abs(changed) > ROUNDING * jnp.abs(model.theta).max(), [4])
+        if inertia.any() and not mass_and_center.any():
+            return np.zeros(6)
+    std: np.ndarray = LOOSE * tool_units(float(model.theta[0]))[4:]
+    return std
 
 
 def columns(signals: Signals, known: Values, numbers: Any, names: tuple[str, ...], catalogue: Catalogue) -> Array:
     """(C, U, 6): of one name the derivatives of the reading; of two, for each, what tells it from the other.
 
     The latter are, name by name, what the effect changes and then what the other one can do: what it changes, and its
-    derivatives. ``numbers`` has base and values (P,) of each name.
+    derivatives; last what the tool's inertia (6,) can do, per standard deviation.
+
+    Args:
+        signals: the motion and the model.
+        known: effects that the setup states.
+        numbers: base and values (P,) of each name; of two names then ``inertia_std``.
+        names: one or two.
+        catalogue: of the setup.
     """
 
     def slopes(name: str, base: Array, at: Array) -> Array:
         return jnp.moveaxis(jax.jacfwd(lambda x: reading(signals, known, base, x, name, catalogue))(at), -1, 0)
 
-    asked = [(name, *own) for name, own in zip(names, numbers, strict=True)]
+    asked = [(name, *own) for name, own in zip(names, numbers, strict=False)]
     if len(asked) == 1:
         return slopes(*asked[0])
     nominal = compose.predict(signals, {other: known[other] for other in known if other not in names}, catalogue)
     parts: list[Array] = []
     for name, base, at in asked:
         parts += [(reading(signals, known, base, at, name, catalogue) - nominal)[None], slopes(name, base, at)]
-    return jnp.concatenate(parts)
+    sheet = data_sheet(signals.model.theta)
+
+    def with_inertia(share: Array) -> Array:
+        return reading(signals, known, sheet[:0], sheet.at[4:].add(share * numbers[2]), TOOL, catalogue)
+
+    return jnp.concatenate([*parts, jnp.moveaxis(jax.jacfwd(with_inertia)(jnp.zeros_like(sheet[4:])), -1, 0)])

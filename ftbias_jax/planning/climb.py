@@ -18,7 +18,7 @@ from ftbias_jax.model.kinematics.screws import Arm
 from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.model.wrench.tool_wrench import covariance_of_joints, joint_sensitivity
 from ftbias_jax.planning.asked import columns
-from ftbias_jax.planning.information import Nuisance, information, standard_errors, unexplained
+from ftbias_jax.planning.information import Nuisance, information, mean_log_error, unexplained
 from ftbias_jax.planning.limits import Limits, excess
 from ftbias_jax.planning.shape import Grid, random_shapes, within
 from ftbias_jax.runtime.kept_programs import keep_program
@@ -65,8 +65,9 @@ class Task(NamedTuple):
     model: Model
     known: Values
     """Effects that the setup states."""
-    numbers: tuple[tuple[Array, Array], ...]
-    """Of each name that is asked for, all its numbers, and the values (P,) of those asked for."""
+    numbers: tuple[Any, ...]
+    """Of each name that is asked for, all its numbers, and the values (P,) of those asked for; of two names also
+    ``asked.inertia_std``."""
     scale: Float[Array, " P"]
     """(P,) typical departures of the first name's."""
     noise: Noise
@@ -117,7 +118,7 @@ def products(
 def worth(told: Float[Array, "C C"], scale: Float[Array, " P"], names: tuple[str, ...]) -> Float[Array, ""]:
     """What is made small: the mean logarithm of the standard errors, or less the logarithm of what separates two."""
     if len(names) == 1:
-        return jnp.log(standard_errors(told, scale, PRIOR) / scale).mean()
+        return mean_log_error(told, scale, PRIOR)
     return -jnp.log(jnp.minimum(*separations(told, len(scale))) + 1e-9)
 
 
@@ -125,12 +126,13 @@ def separations(told: Float[Array, "C C"], first: int) -> tuple[Array, Array]:
     """nats by which either of two is seen although the other is free, of the products of ``asked.columns``.
 
     Args:
-        told: (C, C) of what the first changes, its ``first`` derivatives, what the second changes, and its derivatives.
+        told: (C, C) of what the first changes, its ``first`` derivatives, what the second changes, its derivatives, and
+            what the six numbers of the inertia can do.
         first: how many derivatives the first has.
     """
-    own, other = np.arange(first + 1), np.arange(first + 1, len(told))
-    one, two = (np.concatenate([a[:1], b]) for a, b in ((own, other), (other, own)))
-    return unexplained(told[np.ix_(one, one)]), unexplained(told[np.ix_(two, two)])
+    own, other, inertia = np.split(np.arange(len(told)), [first + 1, len(told) - 6])
+    one, two = (np.concatenate([a[:1], b, inertia]) for a, b in ((own, other), (other, own)))
+    return unexplained(told[np.ix_(one, one)], 6), unexplained(told[np.ix_(two, two)], 6)
 
 
 @keep_program("names", "catalogue")

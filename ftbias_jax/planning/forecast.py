@@ -12,7 +12,7 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.model.effects.catalogue import Catalogue
 from ftbias_jax.model.effects.types import Effect, Signals, Values
 from ftbias_jax.planning.asked import Asked, columns
-from ftbias_jax.planning.climb import PRIOR, separations
+from ftbias_jax.planning.climb import separations
 from ftbias_jax.runtime.kept_programs import keep_program
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 POOR = 3.0
 """Typical departures: a parameter, or a mixture of parameters, that stays less certain is not determined."""
 MUCH = 0.3
-"""Share of a mixture from which on a parameter is named as a part of it."""
+"""Part of a mixture, a unit vector, from which on a parameter is named as a part of it."""
 LEAST_NATS = 12.5
 """Two hypotheses are told apart at five standard deviations."""
 EXACT = 1e-3
@@ -139,11 +139,15 @@ def _extra(effects: Sequence[Effect]) -> str:
 
 
 def stds_of(information: Float[np.ndarray, "P P"], scale: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
-    """(P,) standard errors, kg or m of a tool, say; NaN where more than POOR typical departures are left open."""
-    scaled = information * scale[:, None] * scale
-    # With the prior it stays finite, and far from it where the data say anything.
-    std = np.sqrt(np.diag(np.linalg.inv(scaled + np.eye(len(scale)) / PRIOR**2)))
-    return np.where(std < POOR, std * scale, np.nan)
+    """(P,) standard errors, kg or m of a tool, say; NaN of parameters that mixtures which are left open consist of.
+
+    What is left open beside a parameter, such as the size of a direction, does not count.
+    """
+    values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
+    known = values >= POOR**-2
+    std = np.sqrt((vectors[:, known] ** 2 / values[known]).sum(1))
+    open_share = (vectors[:, ~known] ** 2).sum(1)
+    return np.where(open_share < MUCH**2, std * scale, np.nan)
 
 
 def undetermined(information: Float[np.ndarray, "P P"], asked: Asked) -> list[Cannot]:
@@ -151,8 +155,7 @@ def undetermined(information: Float[np.ndarray, "P P"], asked: Asked) -> list[Ca
     values, vectors = np.linalg.eigh(information * asked.scale[:, None] * asked.scale)
     found = []
     for vector in vectors.T[values < POOR**-2]:
-        share = np.abs(vector) / np.abs(vector).max()
-        parts = [label for label, part in zip(asked.labels, share, strict=True) if part > MUCH]
+        parts = [label for label, part in zip(asked.labels, np.abs(vector), strict=True) if part > MUCH]
         found.append(Cannot(", ".join(parts), SAME if len(parts) > 1 else NOTHING))
     return found
 
@@ -165,9 +168,14 @@ def columns_of_log(
     return columns(signals, known, numbers, names, catalogue)
 
 
-def information_of_logs(problem: Problem, asked: Sequence[Asked]) -> Float[np.ndarray, "C C"]:
-    """(C, C) products of the columns in standard deviations of the noise that recorded logs show."""
-    names, numbers = tuple(one.name for one in asked), tuple((one.base, one.at) for one in asked)
+def information_of_logs(problem: Problem, names: tuple[str, ...], numbers: Any) -> Float[np.ndarray, "C C"]:
+    """(C, C) products of the columns in standard deviations of the noise that recorded logs show.
+
+    Args:
+        problem: the logs.
+        names: of what is asked for.
+        numbers: as of ``asked.columns``.
+    """
     told = []
     for part in problem.parts:
         made = columns_of_log(part.signals, problem.known, numbers, names=names, catalogue=problem.catalogue)

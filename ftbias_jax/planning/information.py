@@ -69,35 +69,51 @@ def information(
 
 
 def inverse(matrix: Float[Array, "P P"]) -> Float[Array, "P P"]:
-    """Of a symmetric positive definite matrix, by Gauss-Jordan elimination, which needs no pivots there.
+    """Of a symmetric positive definite matrix (``eliminated``)."""
+    return eliminated(matrix)[0]
 
-    Unlike LAPACK's it can be a part of programs that are kept between processes.
+
+def eliminated(matrix: Float[Array, "P P"]) -> tuple[Float[Array, "P P"], Float[Array, ""]]:
+    """Inverse and log determinant of a positive definite matrix by Gauss-Jordan elimination, which needs no pivoting.
+
+    Unlike LAPACK's they can be a part of programs that are kept between processes.
     """
 
-    def eliminate(left: Array, k: Array) -> tuple[Array, None]:
-        row, column = left[k] / left[k, k], left[:, k]
+    def eliminate(left: Array, k: Array) -> tuple[Array, Array]:
+        pivot = left[k, k]
+        row, column = left[k] / pivot, left[:, k]
         swept = left - jnp.outer(column, row)
-        swept = swept.at[k].set(row).at[:, k].set(-column / left[k, k])
-        return swept.at[k, k].set(1 / left[k, k]), None
+        swept = swept.at[k].set(row).at[:, k].set(-column / pivot)
+        return swept.at[k, k].set(1 / pivot), jnp.log(pivot)
 
-    return jax.lax.scan(eliminate, matrix, jnp.arange(len(matrix)))[0]
+    found, pivots = jax.lax.scan(eliminate, matrix, jnp.arange(len(matrix)))
+    return found, pivots.sum()
 
 
-def standard_errors(information: Float[Array, "P P"], scale: Float[Array, " P"], prior: float) -> Float[Array, " P"]:
-    """(P,) Cramer-Rao bounds, with a wide prior of so many typical departures, which keeps them finite.
+def mean_log_error(information: Float[Array, "P P"], scale: Float[Array, " P"], prior: float) -> Float[Array, ""]:
+    """Mean logarithm of the standard errors along the axes of the error ellipsoid, in typical departures.
+
+    That is D-optimality. It does not mind a mixture of parameters that no motion shows, unlike the errors of the single
+    parameters: a wide prior stands for it.
 
     Args:
-        information: (P, P), of the parameters in their units.
+        information: (P, P), per unit of the parameters, 1/kg^2 for a mass.
         scale: (P,) typical departures.
         prior: standard deviations of the prior, in typical departures.
     """
     scaled = information * scale[:, None] * scale[None]
-    return scale * jnp.sqrt(jnp.diagonal(inverse(scaled + jnp.eye(len(scale)) / prior**2)))
+    return -eliminated(scaled + jnp.eye(len(scale)) / prior**2)[1] / (2 * len(scale))
 
 
-def unexplained(information: Float[Array, "P P"]) -> Float[Array, ""]:
-    """nats by which the first column is seen although all others are free: half the squares that they leave of it."""
-    rest = information[1:, 1:]
+def unexplained(information: Float[Array, "P P"], loose: int = 0) -> Float[Array, ""]:
+    """nats by which the first column is seen although the others are free: half the squares that they leave of it.
+
+    Args:
+        information: (P, P), of columns in units of N and Nm or of their noise.
+        loose: how many of the last ones are not free, but have a prior of standard deviation 1.
+    """
+    known = jnp.arange(1, len(information)) >= len(information) - loose
+    rest = information[1:, 1:] + jnp.diag(known.astype(information.dtype))
     size = jnp.sqrt(jnp.maximum(jnp.diagonal(rest), 1e-30))
     scaled = rest / size[:, None] / size[None] + 1e-9 * jnp.eye(len(rest))
     pull = information[0, 1:] / size

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +17,7 @@ from ftbias_jax.model.effects.types import Effect, EffectValues, Model
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.model.trajectories import working_range
-from ftbias_jax.planning.asked import TOOL, Asked, asked_for
+from ftbias_jax.planning.asked import TOOL, asked_for, inertia_std
 from ftbias_jax.planning.checked import excess_at_rest, times, used_shares, within_limits
 from ftbias_jax.planning.climb import Task, best_shape, told_by
 from ftbias_jax.planning.forecast import forecast, information_of_logs
@@ -90,7 +91,10 @@ def plan(
     asked = tuple(asked_for(name, model, catalogue, stated) for name in names)
     first = first_pose(setup, logs, start)
     limits, assumed = limits_of(setup, first, margin)
-    task = make_task(setup, params, limits, first, asked, duration, rate)
+    numbers: tuple[Any, ...] = tuple((one.base, one.at) for one in asked)
+    if len(asked) == 2:
+        numbers = (*numbers, inertia_std(asked, model, catalogue))
+    task = make_task(setup, params, limits, first, numbers, asked[0].scale, duration, rate)
     check_start(limits, first, setup.robot.joint_names, excess_at_rest(task, catalogue))
     free = best_shape(task, names, catalogue, seed, lambda share: progress(f"searching, {share // 0.25 / 4:.0%} done"))
     progress("checking the limits")
@@ -100,7 +104,7 @@ def plan(
     motion = motion_at(np.arange(round(duration * rate) + 1) / rate, duration, first, coefficients)
     task = task._replace(noise=noise_of(setup, motion.q, motion.dq, rate, task.points.t))
     of_plan = told_by(task, coefficients, names, catalogue)
-    of_logs = information_of_logs(make_problem(setup, logs)[0], asked) if logs else None
+    of_logs = information_of_logs(make_problem(setup, logs)[0], names, numbers) if logs else None
     of_rest = told_by(task, STILL * coefficients, names, catalogue)
     entries = [catalogue[name] for name in names if name in catalogue]
     expected = forecast(asked, of_plan, of_rest, of_logs, entries)
@@ -153,7 +157,8 @@ def make_task(
     params: Params,
     limits: Limits,
     start: np.ndarray,
-    asked: Sequence[Asked],
+    numbers: tuple[Any, ...],
+    scale: np.ndarray,
     duration: float,
     rate: float,
 ) -> Task:
@@ -164,7 +169,8 @@ def make_task(
         params: the same as arrays.
         limits: of the plan.
         start: (n,) rad, the first pose.
-        asked: what the motion shall tell.
+        numbers: of what the motion shall tell, as in ``Task``.
+        scale: typical departures of the first name's.
         duration: s.
         rate: Hz, of the log.
     """
@@ -180,7 +186,7 @@ def make_task(
         start=start,
         model=Model(params.arm, params.gravity, params.theta),
         known=params.effects or {},
-        numbers=tuple((one.base, one.at) for one in asked),
-        scale=asked[0].scale,
+        numbers=numbers,
+        scale=scale,
         noise=noise_of(setup, moving.q, moving.dq, rate, points.t),
     )

@@ -10,7 +10,7 @@ from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.params import params_from_setup
-from ftbias_jax.planning.asked import asked_for, columns, reading
+from ftbias_jax.planning.asked import asked_for, columns, inertia_std, reading
 from ftbias_jax.setup import parse_setup
 
 PARAMS = params_from_setup(parse_setup(SETUP))
@@ -58,11 +58,23 @@ def test_values_that_are_known_take_the_place_of_typical_ones():
 
 def test_of_two_effects_there_is_what_each_changes_and_then_what_it_can_do():
     one, two = (asked_for(name, MODEL, CATALOGUE, {}) for name in ("tool_mass", "gain"))
-    numbers = tuple((jnp.asarray(a.base), jnp.asarray(a.at)) for a in (one, two))
-    found = np.asarray(columns(signals(), {}, numbers, ("tool_mass", "gain"), CATALOGUE))
-    assert len(found) == 1 + 1 + 1 + 6
+    numbers = (*((jnp.asarray(a.base), jnp.asarray(a.at)) for a in (one, two)), 1e-3 * jnp.arange(1.0, 7.0))
+    found = np.asarray(jax.jit(lambda s, x: columns(s, {}, x, ("tool_mass", "gain"), CATALOGUE))(signals(), numbers))
+    assert len(found) == 1 + 1 + 1 + 6 + 6
+    tool = asked_for("tool", MODEL, CATALOGUE, {})
+    inertia = jax.jit(lambda s, x: columns(s, {}, ((tool.base, x),), ("tool",), CATALOGUE))(
+        signals(), jnp.asarray(tool.at)
+    )
+    np.testing.assert_allclose(found[-6:], inertia[4:] * 1e-3 * np.arange(1, 7)[:, None, None], atol=1e-12)
     nominal, heavier = (compose.predict(signals(), v) for v in ({}, {"tool_mass": {"mass": jnp.asarray(one.at[0])}}))
     np.testing.assert_allclose(found[0], heavier - nominal, atol=1e-12)
+
+
+@pytest.mark.parametrize(("names", "known"), [(("gain", "tool_mass"), False), (("tool_inertia", "cable"), True)])
+def test_the_inertia_is_not_taken_for_known_unless_it_is_what_an_effect_is_about(names, known):
+    std = inertia_std([asked_for(name, MODEL, CATALOGUE, {}) for name in names], MODEL, CATALOGUE)
+    assert (std == 0).all() == known
+    assert (std < 1e-2).all()
 
 
 @pytest.mark.parametrize(

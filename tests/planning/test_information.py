@@ -2,7 +2,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering.likelihood import WrenchProblem, whiten
-from ftbias_jax.planning.information import bias_shapes, information, inverse, standard_errors, unexplained
+from ftbias_jax.planning.information import bias_shapes, information, inverse, mean_log_error, unexplained
 
 U, P = 120, 4
 T = np.arange(U) * 0.1
@@ -50,9 +50,13 @@ def test_the_inverse_is_that_of_numpy():
     np.testing.assert_allclose(inverse(jnp.asarray(matrix)) @ matrix, np.eye(12), atol=1e-6)
 
 
-def test_standard_errors_are_cramer_rao_bounds_and_finite_where_nothing_is_seen():
-    told, scale = np.diag([400.0, 0.0]), np.array([1.0, 2.0])
-    np.testing.assert_allclose(standard_errors(jnp.asarray(told), jnp.asarray(scale), 30.0), [0.05, 60.0], rtol=1e-5)
+def test_the_mean_log_error_is_that_of_the_axes_of_the_error_ellipsoid():
+    rng = np.random.default_rng(1)
+    root, scale = rng.normal(size=(5, 5)), rng.uniform(0.1, 10, 5)
+    scaled = root @ root.T * np.outer(scale, scale) + np.eye(5) / 30**2
+    axes = np.linalg.eigvalsh(np.linalg.inv(scaled)) ** 0.5
+    found = mean_log_error(jnp.asarray(root @ root.T), jnp.asarray(scale), 30.0)
+    np.testing.assert_allclose(found, np.log(axes).mean(), rtol=1e-9)
 
 
 def test_unexplained_is_half_of_the_squares_that_least_squares_leaves():
