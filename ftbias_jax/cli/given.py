@@ -9,10 +9,10 @@ from typing import Any
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.find import expand, inputs
 from ftbias_jax.io.outputs import behind_link, check_outputs, check_writable
-from ftbias_jax.io.write.ours import CALIBRATION, CHECK, DIAGNOSIS, PAGE, SETUP
+from ftbias_jax.io.write.ours import CALIBRATION, CHECK, DIAGNOSIS, PAGE, PLAN, SETUP
 from ftbias_jax.setup import Setup, load_setup
 
-SUFFIXES = {CALIBRATION: ".json", CHECK: ".json", DIAGNOSIS: ".json", PAGE: ".html", SETUP: ".toml"}
+SUFFIXES = {CALIBRATION: ".json", CHECK: ".json", DIAGNOSIS: ".json", PAGE: ".html", PLAN: ".json", SETUP: ".toml"}
 
 
 def setup_of(arguments: argparse.Namespace, **more: Any) -> Setup:

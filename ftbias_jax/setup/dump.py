@@ -116,6 +116,7 @@ def _sections(setup: Setup) -> Iterable[Line]:
         yield line._replace(unit=density) if line.key == "process_noise_density" else line
     if setup.data_noise is not None:
         yield from _data_noise(setup.data_noise)
+    yield from _section("limits", setup.limits)
     tables = [name for name, key in SECTIONS["log"].keys.items() if not key.has_value]
     yield from _section("log", log, **dict.fromkeys(tables))
     for name in tables:

@@ -19,6 +19,7 @@ import numpy as np
 from ftbias_jax.setup import types
 from ftbias_jax.setup.fields import Section, check_keys, read_only, refuse, require, show, subsection, table, text
 from ftbias_jax.setup.keys.table import SECTIONS, TOP, open_section, read, read_all
+from ftbias_jax.setup.limits import read_limits
 from ftbias_jax.setup.mjcf import Mjcf, load_mjcf, mjcf_robot, mjcf_tool
 from ftbias_jax.setup.recorded import POSE, LogSetup, PoseSetup
 from ftbias_jax.setup.robots import BUILT_IN, CONVENTIONS, built_in_robot, prismatic_screw, read_dh, revolute_screw
@@ -65,7 +66,10 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> types.Setup:
         _data_noise(top),
     )
     description = _path(table(top, "robot"), "urdf") or _path(table(top, "robot"), "mjcf")
-    return types.Setup(robot, sensor, tool, bias, joints, log, _effects(top), data_noise, pose, file, description)
+    limits = read_limits(top, n)
+    return types.Setup(
+        robot, sensor, tool, bias, joints, log, _effects(top), data_noise, pose, limits, file, description
+    )
 
 
 def _pose(top: Section) -> PoseSetup | None:
