@@ -13,6 +13,7 @@ from collections.abc import Collection, Sequence
 import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.calibration.judgement import WORSE
 from ftbias_jax.calibration.tune_blocks import LogInBlocks, as_series, look_at_each, pooled
 from ftbias_jax.calibration.tune_drift import LEAST_GAIN, Drift, score
 from ftbias_jax.filtering.pipeline import Options
@@ -67,23 +68,31 @@ def _at_rest(looked: Sequence[LogInBlocks], stated: Array) -> Array:
 
 
 def _at_best_drift(params: Params, logs: Sequence[Log], options: Options) -> Params:
-    """Parameters with the best of LEVELS of sigma_Q on every axis, by the means of the logs' blocks."""
+    """Parameters with the best of LEVELS of sigma_Q on every axis that forecasts no worse than the stated one."""
     stated = np.asarray(params.bias.density, float)
-    value = np.stack([_value(_with_density(params, level * stated), logs, options) for level in LEVELS])
+    scored = [_scored(_with_density(params, level * stated), logs, options) for level in LEVELS]
+    value, squares = (np.stack(x) for x in zip(*scored, strict=True))
     value[1:] -= PRICE
-    return _with_density(params, np.array(LEVELS)[value.argmax(0)] * stated)
+    # A drift that follows the slow errors of a model is likely, and carries the bias away from where it will be.
+    worse = (np.nan_to_num(squares / squares[:1], nan=1.0) > WORSE**2).any(axis=1)
+    best = np.where(worse, -np.inf, value).argmax(0)
+    return _with_density(params, np.array(LEVELS)[best] * stated)
 
 
 def _with_density(params: Params, density: Array) -> Params:
     return params._replace(bias=params.bias._replace(density=jnp.asarray(density, params.theta.dtype)))
 
 
-def _value(params: Params, logs: Sequence[Log], options: Options) -> Array:
-    """(6,) nats of the means of blocks, with the slow errors that the logs show beside this drift, at their price."""
+def _scored(params: Params, logs: Sequence[Log], options: Options) -> tuple[Array, Array]:
+    """The means of blocks with the slow errors that the logs show beside this drift.
+
+    Returns:
+        (6,) nats, less the price of the slow errors, and (H, 6) N^2, Nm^2 mean squared errors of ``tune_drift.HORIZONS``.
+    """
     looked = look_at_each(params, logs, options)
     std, time = pooled([log.noise for log in looked])
     sensor = np.asarray(params.bias.wrench_variance, float)
     density = np.asarray(params.bias.density, float)[None]
     reverts = np.full((1, 6), np.inf) if params.bias.drift_time is None else np.asarray(params.bias.drift_time)[None]
-    nats = score([as_series(log, sensor, params) for log in looked], (std, time), Drift(density, reverts)).nats[0]
-    return nats - np.where(std > 0, 2 * PRICE, 0.0)
+    found = score([as_series(log, sensor, params) for log in looked], (std, time), Drift(density, reverts))
+    return found.nats[0] - np.where(std > 0, 2 * PRICE, 0.0), found.squares[:, 0]
