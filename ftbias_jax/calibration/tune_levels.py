@@ -87,7 +87,7 @@ def _scored(params: Params, logs: Sequence[Log], options: Options) -> tuple[Arra
     """The means of blocks with the slow errors that the logs show beside this drift.
 
     Returns:
-        (6,) nats, less the price of the slow errors, and (H, 6) N^2, Nm^2 mean squared errors of ``tune_drift.HORIZONS``.
+        (6,) nats, less the price of the slow errors, and (H, 6) N^2, Nm^2 mean squared errors of forecasts.
     """
     looked = look_at_each(params, logs, options)
     std, time = pooled([log.noise for log in looked])
