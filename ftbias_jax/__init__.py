@@ -13,7 +13,9 @@
     found = ft.identify_tool(setup, log)                # found.setup
     made = ft.simulate(setup, {"gain": {}})             # made.log, made.truth
     diagnosis = ft.diagnose(setup, [log])               # print(diagnosis); diagnosis.apply(setup)
+    plan = ft.plan(setup, "tool")                       # the next motion: print(plan); plan.save("motion.csv")
     found = ft.calibrate(setup, [log])                  # all of that; found.setup keeps what predicts better
+    sensor = ft.sensor_model(setup)                     # its errors, step by step, for any simulator
     setup = ft.setup_with(setup, params)                # params that a program of your own made likelier
 
 The verbs compute in float64 whatever JAX's setting is, give numpy arrays back, and leave JAX's settings as they are but
@@ -59,7 +61,11 @@ if TYPE_CHECKING:
     from ftbias_jax.model.own_effects import load_effects
     from ftbias_jax.model.params import Params
     from ftbias_jax.model.simulate_log import SimulationResult, Truth, simulate
+    from ftbias_jax.planning.plan import plan
+    from ftbias_jax.planning.result import Plan
     from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
+    from ftbias_jax.simulators.sensor_file import load_sensor_model, sensor_model
+    from ftbias_jax.simulators.sensor_model import SensorModel
     from ftbias_jax.types import Sample
 
 __version__ = "0.1.0"
@@ -83,9 +89,11 @@ __all__ = [
     "OutputError",
     "Parameter",
     "Params",
+    "Plan",
     "Poses",
     "Repair",
     "Sample",
+    "SensorModel",
     "Setup",
     "SetupError",
     "Signals",
@@ -104,14 +112,17 @@ __all__ = [
     "identify_tool",
     "layout_of",
     "load_effects",
+    "load_sensor_model",
     "load_setup",
     "log_likelihood",
     "options_from_setup",
     "params_for_log",
     "parse_setup",
+    "plan",
     "read_log",
     "read_poses",
     "samples_from_log",
+    "sensor_model",
     "setup_with",
     "simulate",
     "tune",
@@ -148,7 +159,11 @@ _MODULES = {
     "model.own_effects": "load_effects",
     "model.params": "Params",
     "model.simulate_log": "SimulationResult Truth simulate",
+    "planning.plan": "plan",
+    "planning.result": "Plan",
     "setup": "Setup dump_setup load_setup parse_setup",
+    "simulators.sensor_file": "load_sensor_model sensor_model",
+    "simulators.sensor_model": "SensorModel",
     "types": "Sample",
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names.split()}

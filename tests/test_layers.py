@@ -20,7 +20,7 @@ FLOORS = (
     "check model",
     "filtering",
     "calibration diagnosis",
-    "commissioning fleet",
+    "commissioning fleet planning simulators",
     "cli",
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}

@@ -9,10 +9,10 @@ from typing import Any
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.find import expand, inputs
 from ftbias_jax.io.outputs import behind_link, check_outputs, check_writable
-from ftbias_jax.io.write.ours import CALIBRATION, CHECK, DIAGNOSIS, PAGE, SETUP
+from ftbias_jax.io.write.ours import CALIBRATION, CHECK, DIAGNOSIS, PAGE, PLAN, SETUP
 from ftbias_jax.setup import Setup, load_setup
 
-SUFFIXES = {CALIBRATION: ".json", CHECK: ".json", DIAGNOSIS: ".json", PAGE: ".html", SETUP: ".toml"}
+SUFFIXES = {CALIBRATION: ".json", CHECK: ".json", DIAGNOSIS: ".json", PAGE: ".html", PLAN: ".json", SETUP: ".toml"}
 
 
 def setup_of(arguments: argparse.Namespace, **more: Any) -> Setup:
@@ -49,7 +49,7 @@ def logs_of(
             check_writable(path, SUFFIXES.get(kinds.get(option, ""), ""), option)
     paths = expand(arguments.logs, setup.log.files)
     if stated is None:
-        stated = (setup.urdf,) if in_place else setup.files
+        stated = (setup.description,) if in_place else setup.files
     check_outputs(outputs, (*inputs(paths, setup.log.files), *stated), kinds, arguments.force)
     return paths
 

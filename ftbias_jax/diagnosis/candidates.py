@@ -9,7 +9,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, penalty
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.proposals import ringing, series, starts
+from ftbias_jax.diagnosis.proposals import ringing, searched, series, starts
 from ftbias_jax.diagnosis.proposals.pulls import pulls
 from ftbias_jax.diagnosis.proposals.series import Library
 from ftbias_jax.diagnosis.proposals.touches import touches
@@ -62,7 +62,7 @@ def candidates(
     taken = {h.effect for h in accepted.hypotheses} | set(without) | set(problem.known) | unseen
     prepared_fit = stand(accepted)
     found, columns = starts.smooth(problem, prepared_fit, taken)
-    for make in (starts.from_starts, ringing.loose, pulls, starts.best_starts):
+    for make in (starts.from_starts, ringing.loose, pulls, searched.best_starts):
         found += make(problem, prepared_fit, taken)
     for propose in (series.slow, series.steplike):
         found += propose(problem, library(), accepted, taken)

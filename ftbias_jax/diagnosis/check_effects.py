@@ -4,19 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from itertools import product
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.diagnosis.proposals.starts import starts_of
-from ftbias_jax.diagnosis.regression.coordinates import strengths, to_coordinates, values_at, why_not_fitted
+from ftbias_jax.diagnosis.proposals.searched import Extent, apart, starts_together
+from ftbias_jax.diagnosis.regression.coordinates import (
+    bounds_of,
+    scale_of,
+    strengths,
+    to_coordinates,
+    values_at,
+    why_not_fitted,
+)
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import CATALOGUE, neutral_values, typical_values
 from ftbias_jax.model.effects.fitting import Entries, Grid, Linear, Starts
-from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Record, Signals, motion_of
+from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Record, Signals, motion_of
 from ftbias_jax.model.kinematics.screws import make_arm
 from ftbias_jax.model.own_effects import fault_of
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
@@ -26,8 +32,6 @@ from ftbias_jax.types import Array
 
 RATE, SECONDS, LONGEST = 50.0, 8.0, 100.0
 """Hz, and s that the motion lasts on which effects are tried; s at most, where a search begins at later times."""
-TRIED = 6
-"""Starts of a search that are tried."""
 NEUTRAL = 1e-9
 """N, Nm; a larger change by an effect that is switched off is a fault."""
 SEEN = 1e-6
@@ -77,7 +81,7 @@ def _faults(effect: Effect, effects: Sequence[Any]) -> list[str]:
 
 
 def _seconds(effect: Effect) -> float:
-    """How long a motion must be for what begins at the latest start of a search for a time."""
+    """How long a motion must be for what begins at the latest of stated starts; what states none begins in any."""
     latest = [float(np.max(p.starts)) for p in effect.parameters if p.search and p.unit == "s" and p.starts]
     return float(np.clip(1.25 * max(latest, default=0.0), SECONDS, LONGEST))
 
@@ -108,16 +112,13 @@ def _nominal(seconds: float) -> Array:
     return jax.jit(compose.tool_wrenches)(_motion(seconds))
 
 
-def _starts(effect: Effect, neutral: EffectValues, seconds: float) -> list[EffectValues]:
-    """Values of the parameters that need a search, at starts spread over all of them, one in the middle first."""
-    searched = [p for p in effect.parameters if p.search and -1 not in p.shape]
-    spread = {p.name: starts_of(effect, p, np.asarray(neutral[p.name])) for p in searched}
-    if isinstance(effect.fit.search, Starts) and effect.fit.search.when in spread:
-        spread[effect.fit.search.when] = [np.asarray(share * seconds) for share in (0.25, 0.5, 0.75)]
-    every = list(product(*spread.values()))
-    chosen = np.unique(np.linspace(0, len(every) - 1, min(len(every), TRIED)).astype(int))
-    ordered = [len(every) // 2, *(i for i in chosen if i != len(every) // 2)]
-    return [dict(zip(spread, map(jnp.asarray, every[i]), strict=True)) for i in ordered]
+def _starts(effect: Effect, neutral: EffectValues, signals: Signals, seconds: float) -> list[EffectValues]:
+    """Values of the parameters that need a search, at all its starts in a log of such a motion."""
+    extent = Extent(seconds, apart(np.asarray(signals.path.position)))
+    stated = {name: np.asarray(value) for name, value in neutral.items()}
+    return [
+        {name: jnp.asarray(value) for name, value in start.items()} for start in starts_together(effect, stated, extent)
+    ]
 
 
 def _of_reading(effect: Effect, signals: Signals) -> list[str]:
@@ -128,7 +129,7 @@ def _of_reading(effect: Effect, signals: Signals) -> list[str]:
         return [wrong]
     model = signals.model
     neutral = neutral_values(effect, model)
-    starts = _starts(effect, neutral, seconds)
+    starts = _starts(effect, neutral, signals, seconds)
     off = [("switched off, at a start of its search", start) for start in starts if strengths(effect)]
     for words, start in (("at neutral", {}), *off):
         change = np.abs(np.asarray(predict(neutral | start) - nominal)).max()
@@ -143,7 +144,8 @@ def _of_reading(effect: Effect, signals: Signals) -> list[str]:
     if max(changes) < SEEN:
         return ["typical values (neutral plus scale) change nothing at any start: give its parameters a scale"]
     derived = isinstance(effect.fit.search, CHECKED) and not why_not_fitted(effect)
-    return _of_slopes(effect, signals, starts) if derived else []
+    clearest = [start for _, start in sorted(zip(changes[1:], starts, strict=True), key=lambda one: -one[0])]
+    return _of_slopes(effect, signals, clearest) if derived else []
 
 
 def _predict(effect: Effect, signals: Signals, values: EffectValues) -> Array:
@@ -179,7 +181,7 @@ def _of_slopes(effect: Effect, signals: Signals, starts: list[EffectValues]) -> 
         at = {
             p.name: np.zeros(neutral[p.name].size)
             if p.name not in start
-            else to_coordinates(effect, p, neutral[p.name], np.asarray(start[p.name]))
+            else _inside(effect, p, to_coordinates(effect, p, neutral[p.name], np.asarray(start[p.name])))
             for p in effect.parameters
         }
         on = at | {p.name: np.full(neutral[p.name].size, 0.5) for p in strengths(effect)}
@@ -199,6 +201,13 @@ def _of_slopes(effect: Effect, signals: Signals, starts: list[EffectValues]) -> 
         if not still:
             break
     return [f"{p.name}: {WITHOUT_SLOPE}" for p in effect.parameters if p.name in still]
+
+
+def _inside(effect: Effect, parameter: Parameter, z: np.ndarray) -> np.ndarray:
+    """Coordinates (k,) of a start, not quite at its bounds: rounded beyond one, they would have no derivative there."""
+    least, most = bounds_of(scale_of(effect, parameter))
+    inside: np.ndarray = np.clip(z, least + 2 * STEP, most - 2 * STEP)
+    return inside
 
 
 def _fault_of_slope(slope: np.ndarray, difference: np.ndarray) -> str:

@@ -9,8 +9,9 @@ import jax
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.coordinates import can_move, to_coordinates
+from ftbias_jax.diagnosis.regression.coordinates import can_move, is_moment, to_coordinates
 from ftbias_jax.diagnosis.thresholds import NATS_PER_DEGREE
+from ftbias_jax.model.effects.fitting import SUDDEN, Starts
 from ftbias_jax.model.effects.types import Effect
 
 S = TypeVar("S")
@@ -96,6 +97,18 @@ def search_of(effect: Effect, search: type[S]) -> S:
     """The search that an effect picks, known to be of that kind."""
     assert isinstance(effect.fit.search, search)
     return effect.fit.search
+
+
+def moments(problem: Problem, effect: Effect) -> tuple[str, ...]:
+    """Parameters of an effect without a search of its own that are moments of the longest log."""
+    if not isinstance(effect.fit.search, Starts):
+        return ()
+    return tuple(p.name for p in effect.parameters if is_moment(p, max(problem.durations)))
+
+
+def is_sudden(problem: Problem, effect: Effect) -> bool:
+    """Whether an effect begins, or lasts, at some time: it may gain in few blocks of a log."""
+    return isinstance(effect.fit.search, SUDDEN) or bool(moments(problem, effect))
 
 
 def penalty(h: Hypothesis) -> float:

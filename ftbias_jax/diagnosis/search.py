@@ -10,6 +10,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored, candidates, score
 from ftbias_jax.diagnosis.evidence.gap import Judge, excess_by_channel, excess_over_quiet, gap_removed
+from ftbias_jax.diagnosis.hypothesis import is_sudden
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.ringing import is_plausible
 from ftbias_jax.diagnosis.proposals.series import Library, make_library
@@ -27,8 +28,6 @@ from ftbias_jax.diagnosis.thresholds import (
     STEADY,
     SURE,
 )
-from ftbias_jax.model.effects.fitting import SUDDEN
-from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.runtime.jax_config import same_precision
 from ftbias_jax.runtime.progress import silent
 
@@ -84,7 +83,7 @@ class Search(NamedTuple):
             if rounds and gap_of(threshold.elsewhere, accepted) <= threshold.least:
                 if _left_somewhere(threshold.elsewhere, accepted) <= threshold.least_of_slow:
                     break
-                excluded |= {name for name, effect in self.problem.catalogue.items() if _follows_motion(effect)}
+                excluded |= {name for name in self.problem.catalogue if _follows_motion(self.problem, name)}
             self.progress(f"looking for cause {count + 1} of at most {most}")
             scored = candidates(self.problem, self.library, accepted, excluded, all_smooth=not count)
             best = next((s for s in scored[:MOST_JUDGED] if self.has_earned(threshold, accepted, s)), None)
@@ -110,13 +109,13 @@ class Search(NamedTuple):
         _, (untouched,) = projection(accepted.columns.series[local])(self.start.error[None])
         gap = gap_of(elsewhere, self.start._replace(error=untouched))
         least = max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap)
-        all_follow = all(_follows_motion(self.problem.catalogue[h.effect]) for h in accepted.hypotheses)
+        all_follow = all(_follows_motion(self.problem, h.effect) for h in accepted.hypotheses)
         return Threshold(elsewhere, least, LEAST_SIGMAS**2 if all_follow else least)
 
     def has_earned(self, threshold: Threshold, accepted: Fit, trial: Scored) -> bool:
         """Whether one more cause is possible, gains enough, steadily, and removes enough on blocks it has not seen."""
         effect = self.problem.catalogue[trial.hypothesis.effect]
-        sudden = isinstance(effect.fit.search, SUDDEN)  # gains in few blocks
+        sudden = is_sudden(self.problem, effect)
         gain, stderr = compared(self.problem, trial.fit.error, accepted.error)
         if trial.nats <= LEAST_GAIN or not (sudden or gain > STEADY * stderr):
             return False
@@ -197,8 +196,9 @@ def _left_somewhere(problem: Problem, found: Fit) -> float:
     return float(np.maximum(excess_over_quiet(problem, found.error), 0).mean())
 
 
-def _follows_motion(effect: Effect) -> bool:
-    return effect.stage != "bias" and not isinstance(effect.fit.search, SUDDEN)
+def _follows_motion(problem: Problem, effect: str) -> bool:
+    entry = problem.catalogue[effect]
+    return entry.stage != "bias" and not is_sudden(problem, entry)
 
 
 def _touched(problem: Problem, found: Fit) -> np.ndarray:

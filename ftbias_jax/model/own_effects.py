@@ -193,8 +193,6 @@ def _faults_of_fit(effect: Effect) -> Iterator[str]:
             yield "a grid needs a parameter with starts"
         case Entries(matrix) if effect.parameter(matrix).shape != (6, 6):
             yield f"parameter {matrix!r} is no matrix (6, 6)"
-        case Starts(when) if when and (effect.parameter(when).shape or not effect.parameter(when).search):
-            yield f"the time {when!r} must be one number with search=True"
         case ByJoint() if not effect.transform:
             yield "what moves a joint must have a transform"
 

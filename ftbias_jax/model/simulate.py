@@ -58,13 +58,20 @@ def bias_process(key: Array, t: Array, density: Array, initial: Array, initial_d
     """
     dt = jnp.diff(t, prepend=t[:1])[:, None]
     kick, slip = jax.random.normal(key, (2, t.shape[0], 6), t.dtype)
-    # Cholesky factor of [[dt, dt^2/2], [dt^2/2, dt^3/3]], the covariance of a step of (drift, bias).
-    drift_step = jnp.sqrt(dt) * density[None] * kick
-    bias_step = dt * drift_step / 2 + jnp.sqrt(dt**3 / 12) * density[None] * slip
+    drift_step, bias_step = bias_steps(dt, density[None], kick, slip)
     drift = initial_drift[None] + jnp.cumsum(drift_step, 0)
     before = jnp.concatenate([initial_drift[None], drift[:-1]])
     bias = initial[None] + jnp.cumsum(dt * before + bias_step, 0)
     return bias, drift
+
+
+def bias_steps(dt: Array, density: Array, kick: Array, slip: Array) -> tuple[Array, Array]:
+    """What noise adds to drift and bias in steps of dt (T, 1) s, from standard normals (T, 6), NumPy or JAX.
+
+    By the Cholesky factor of [[dt, dt^2/2], [dt^2/2, dt^3/3]], the covariance of a step of (drift, bias).
+    """
+    drift_step = dt**0.5 * density * kick
+    return drift_step, dt * drift_step / 2 + (dt**3 / 12) ** 0.5 * density * slip
 
 
 def temperature_course(t: Array) -> Array:

@@ -53,12 +53,17 @@ def dump_setup(setup: Setup) -> str:
     Numbers come back to the last bit, except screws and rotations that go through axis, point and angles: those come
     back to round-off.
     """
+    return text_of(lines_of(setup), setup.comments)
+
+
+def text_of(lines: Iterable[Line], comments: Mapping[str, str]) -> str:
+    """TOML text of some lines, with comments on full keys."""
     text, section = "", ""
-    for line in lines_of(setup):
+    for line in lines:
         if line.section != section or line.key == "axis" or (not line.key and line.section.startswith("[[")):
             text, section = f"{text}\n{line.section}\n" if text else f"{line.section}\n", line.section
         if line.key:
-            text += f"{toml_line(line.key, line.value, line.comment(setup.comments.get(line.full_key, '')))}\n"
+            text += f"{toml_line(line.key, line.value, line.comment(comments.get(line.full_key, '')))}\n"
     return text
 
 
@@ -111,6 +116,7 @@ def _sections(setup: Setup) -> Iterable[Line]:
         yield line._replace(unit=density) if line.key == "process_noise_density" else line
     if setup.data_noise is not None:
         yield from _data_noise(setup.data_noise)
+    yield from _section("limits", setup.limits)
     tables = [name for name, key in SECTIONS["log"].keys.items() if not key.has_value]
     yield from _section("log", log, **dict.fromkeys(tables))
     for name in tables:

@@ -19,6 +19,8 @@ import numpy as np
 from ftbias_jax.setup import types
 from ftbias_jax.setup.fields import Section, check_keys, read_only, refuse, require, show, subsection, table, text
 from ftbias_jax.setup.keys.table import SECTIONS, TOP, open_section, read, read_all
+from ftbias_jax.setup.limits import read_limits
+from ftbias_jax.setup.mjcf import Mjcf, load_mjcf, mjcf_robot, mjcf_tool
 from ftbias_jax.setup.recorded import POSE, LogSetup, PoseSetup
 from ftbias_jax.setup.robots import BUILT_IN, CONVENTIONS, built_in_robot, prismatic_screw, read_dh, revolute_screw
 from ftbias_jax.setup.rotations import rotation_from_rpy
@@ -54,16 +56,20 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> types.Setup:
     """
     top = check_keys(Section(mapping, "", file), TOP)
     pose = _pose(top)
-    robot = _robot(top, pose)
+    scene = _scene(table(top, "robot"))
+    robot = _robot(top, pose, scene)
     n = len(robot.joint_names)
     sensor, joints, log = _sensor(top), _joints(top, n, pose), _log(top, n, pose)
     tool, bias, data_noise = (
-        _tool(top, sensor),
+        _tool(top, sensor, scene),
         types.BiasSetup(**read_all(open_section(top, "bias"))),
         _data_noise(top),
     )
-    urdf = _urdf_path(table(top, "robot"))
-    return types.Setup(robot, sensor, tool, bias, joints, log, _effects(top), data_noise, pose, file, urdf)
+    description = _path(table(top, "robot"), "urdf") or _path(table(top, "robot"), "mjcf")
+    limits = read_limits(top, n)
+    return types.Setup(
+        robot, sensor, tool, bias, joints, log, _effects(top), data_noise, pose, limits, file, description
+    )
 
 
 def _pose(top: Section) -> PoseSetup | None:
@@ -95,7 +101,15 @@ def _entries(turn: float, slide: float, linear: str) -> Array:
     return read_only(np.array([turn] * 4 + [slide] * (0 if linear == "none" else 3)))
 
 
-def _robot(top: Section, pose: PoseSetup | None) -> types.RobotSetup:
+def _scene(robot: Section) -> Mjcf | None:
+    """The MJCF that the setup names."""
+    if "mjcf" not in robot.values:
+        return None
+    refuse(robot, ("model", "urdf", "tip_link", "dh", "joints", "flange"), "excluded by robot.mjcf")
+    return load_mjcf(_path(robot, "mjcf"), read(robot, "site") or "", read(robot, "base_link") or "")
+
+
+def _robot(top: Section, pose: PoseSetup | None, scene: Mjcf | None) -> types.RobotSetup:
     """[robot]; where a pose is recorded only its gravity, and the entries of the pose take the place of joints."""
     if pose is not None:
         section = subsection(top, "robot", ("gravity",))
@@ -103,14 +117,17 @@ def _robot(top: Section, pose: PoseSetup | None) -> types.RobotSetup:
         screws, translation, rotation = map(read_only, (np.zeros((count, 6)), np.zeros(3), np.eye(3)))
         return types.RobotSetup(screws, POSE_NAMES[:count], translation, rotation, read(section, "gravity"), POSE)
     section = open_section(top, "robot", required=True)
-    return replace(_arm(section), name=read(section, "name"))
+    return replace(_arm(section, scene), name=read(section, "name"))
 
 
-def _arm(section: Section) -> types.RobotSetup:
+def _arm(section: Section, scene: Mjcf | None) -> types.RobotSetup:
     gravity = read(section, "gravity")
     if np.linalg.norm(gravity) > MAX_GRAVITY:
         remedy = f"give m/s^2 in the base frame, at most {MAX_GRAVITY:g} long, such as [0, 0, -9.81]"
         raise section.error("gravity", f"has length {np.linalg.norm(gravity):.4g} m/s^2", remedy)
+    if scene is not None:
+        return _renamed(mjcf_robot(scene, gravity if "gravity" in section.values else None), section)
+    refuse(section, ("site",), "belongs to robot.mjcf", "remove it, or give robot.mjcf")
     if "urdf" in section.values:
         return _urdf_robot(section, gravity)
     refuse(section, ("base_link", "tip_link"), "belongs to robot.urdf", "remove it, or give robot.urdf")
@@ -121,15 +138,19 @@ def _arm(section: Section) -> types.RobotSetup:
         return _screw_robot(section, gravity)
     model = read(section, "model")
     refuse(section, ("joints", "flange"), f"excluded by robot.model = {model!r}")
-    robot = built_in_robot(model, gravity)
+    return _renamed(built_in_robot(model, gravity), section)
+
+
+def _renamed(robot: types.RobotSetup, section: Section) -> types.RobotSetup:
+    """The robot with the names that recordings have for its joints, if the setup states them."""
     if "joint_names" not in section.values:
         return robot
     return replace(robot, joint_names=read(section, "joint_names", len(robot.joint_names)))
 
 
-def _urdf_path(robot: Section) -> str:
-    """The file that robot.urdf names, from the setup's folder if the path is relative; "" = none."""
-    name = read(robot, "urdf")
+def _path(robot: Section, key: str) -> str:
+    """The file that robot.urdf or robot.mjcf names, from the setup's folder if it is relative; "" = none."""
+    name = read(robot, key)
     return os.path.join(os.path.dirname(robot.file), name) if name else ""
 
 
@@ -137,7 +158,7 @@ def _urdf_robot(section: Section, gravity: Array) -> types.RobotSetup:
     refuse(section, ("model", "dh", "joints", "joint_names", "flange"), "excluded by robot.urdf")
     require(section, "tip_link", "name the link that is the flange")
     base_link, tip_link = read(section, "base_link") or "", read(section, "tip_link")
-    return urdf_robot(load_urdf(_urdf_path(section)), base_link, tip_link, gravity)
+    return urdf_robot(load_urdf(_path(section, "urdf")), base_link, tip_link, gravity)
 
 
 def _dh_robot(section: Section, gravity: Array) -> types.RobotSetup:
@@ -192,11 +213,13 @@ def _sensor(top: Section) -> types.SensorSetup:
     return types.SensorSetup(rotation=rotation, rezeroed_at=rezeroed_at, **values)
 
 
-def _tool(top: Section, sensor: types.SensorSetup) -> types.ToolSetup:
+def _tool(top: Section, sensor: types.SensorSetup, scene: Mjcf | None) -> types.ToolSetup:
     section = open_section(top, "tool")
     if "from_urdf_link" in section.values:
         return _urdf_tool(section, table(top, "robot"), sensor)
     values = read_all(section, ("from_urdf_link",))
+    if scene is not None and not {"mass", "center_of_mass", "inertia"} <= section.values.keys():
+        values |= {key: x for key, x in vars(mjcf_tool(scene, sensor)).items() if key not in section.values}
     _check_inertia(values["inertia"], section, "inertia")
     unknown = types.unknown_tool()
     return types.ToolSetup(**{key: getattr(unknown, key) if value is None else value for key, value in values.items()})
@@ -207,7 +230,7 @@ def _urdf_tool(section: Section, robot: Section, sensor: types.SensorSetup) -> t
     refuse(section, others, "excluded by tool.from_urdf_link")
     if "urdf" not in robot.values:
         raise section.error("from_urdf_link", "there is no robot.urdf", "give tool.mass and center_of_mass instead")
-    tool = urdf_tool(load_urdf(_urdf_path(robot)), read(robot, "tip_link"), read(section, "from_urdf_link"), sensor)
+    tool = urdf_tool(load_urdf(_path(robot, "urdf")), read(robot, "tip_link"), read(section, "from_urdf_link"), sensor)
     _check_inertia(tool.inertia, section, "from_urdf_link")
     return tool
 

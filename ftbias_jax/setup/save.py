@@ -87,7 +87,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def edited_text(setup: Setup, target: str = "") -> str:
-    """The text of a setup for a file, the ``target``, whose folder a relative ``robot.urdf`` starts at.
+    """The text of a setup for a file, the ``target``, at whose folder a relative path of a URDF or an MJCF starts.
 
     It is the text that the setup was read from with the changed values, new keys at the end of their sections, and
     ``setup.comments`` on the lines of what changed; the whole setup written anew, if it was not read from a text, or
@@ -110,7 +110,7 @@ def edited_text(setup: Setup, target: str = "") -> str:
 
 def _edited(setup: Setup, before: _Said, after: _Said, target: str) -> str:
     document = tomlkit.parse(setup.source)
-    _move_urdf(document, setup, target)
+    _move_description(document, setup, target)
     stated = {place: toml_value(line.value) for place, line in before.items()}
     changed = [place for place, line in after.items() if stated.get(place) != toml_value(line.value)]
     tool = document.get("tool", {})
@@ -183,13 +183,14 @@ def _comment(item: Item, old: str, remark: str, line: Line) -> None:
         item.trivia.comment_ws, item.trivia.comment = "  ", comment.strip()
 
 
-def _move_urdf(document: MutableMapping[str, Any], setup: Setup, target: str) -> None:
-    """A relative path of a URDF starts at the setup's folder: it changes with that folder."""
+def _move_description(document: MutableMapping[str, Any], setup: Setup, target: str) -> None:
+    """A relative path of a URDF or an MJCF starts at the setup's folder: it changes with that folder."""
     robot = document.get("robot", {})
     folders = [os.path.realpath(os.path.dirname(path) or ".") for path in (setup.path, target)]
-    if "urdf" in robot and target and folders[0] != folders[1] and not os.path.isabs(robot["urdf"]):
-        moved = os.path.relpath(os.path.join(folders[0], robot["urdf"]), folders[1])
-        _put(robot, Line("[robot]", "urdf", moved), "")
+    for key in ("urdf", "mjcf") if target and folders[0] != folders[1] else ():
+        if key in robot and not os.path.isabs(robot[key]):
+            moved = os.path.relpath(os.path.join(folders[0], robot[key]), folders[1])
+            _put(robot, Line("[robot]", key, moved), "")
 
 
 def _said(setup: Setup) -> _Said:

@@ -176,6 +176,36 @@ class DataNoiseSetup:
 
 
 @dataclass(frozen=True, eq=False)
+class LimitsSetup:
+    """What a planned motion must keep to; None = not stated."""
+
+    position_lower: Array | None = None
+    """(n,) rad (m), lower ends of the joints' travel."""
+    position_upper: Array | None = None
+    """(n,) rad (m)."""
+    velocity: Array | None = None
+    """(n,) rad/s (m/s)."""
+    acceleration: Array | None = None
+    """(n,) rad/s^2 (m/s^2)."""
+    jerk: Array | None = None
+    """(n,) rad/s^3 (m/s^3)."""
+    box_lower: Array | None = None
+    """(3,) m, base frame: lowest corner of a box that flange, sensor and tool stay in."""
+    box_upper: Array | None = None
+    """(3,) m, base frame."""
+    floor: float | None = None
+    """m, upwards from the base frame's origin."""
+    tip: Array | None = None
+    """(3,) m, sensor frame: the tool's farthest end."""
+    keep_axis: Array = (0.0, 0.0, 1.0)
+    """(3,) sensor frame: the axis that ``keep_angle`` speaks of."""
+    keep_angle: float | None = None
+    """rad that this axis may tilt from its direction in the first pose."""
+    wrench: Array | None = None
+    """(6,) N, Nm: largest wrench of the tool on the sensor."""
+
+
+@dataclass(frozen=True, eq=False)
 class Setup:
     """Everything a setup file says."""
 
@@ -191,10 +221,12 @@ class Setup:
     """Sigma_D; None = zero."""
     pose: PoseSetup | None = None
     """Set if the sensor's pose is recorded; robot and joints then speak of the entries of the pose."""
+    limits: LimitsSetup = field(default_factory=LimitsSetup)
+    """What a planned motion must keep to."""
     path: str = ""
     """The file it was read from, for messages; "" = from memory."""
-    urdf: str = ""
-    """The URDF file that it refers to; "" = none."""
+    description: str = ""
+    """The URDF or MJCF file that it refers to; "" = none."""
     source: str = ""
     """The text it was read from, whose comments and order ``save`` keeps; "" = from memory."""
     comments: Mapping[str, str] = field(default_factory=dict)
@@ -210,7 +242,7 @@ class Setup:
     @property
     def files(self) -> tuple[str, str]:
         """What it was read from, which no result may replace; "" = nothing."""
-        return self.path, self.urdf
+        return self.path, self.description
 
     # The room's __init__ binds the functions that these two are, because those are made of what this module defines.
 

@@ -66,7 +66,7 @@ def load_urdf(path: str | os.PathLike[str]) -> Urdf:
     """
     file = os.fspath(path)
     content = read_file(file, MAX_BYTES, "give the path of a URDF", "give a URDF, not a mesh")
-    root = _parse(content, file)
+    root = parse_xml(content, file, "a URDF", MAX_DEPTH)
     if root.tag != "robot":
         raise SetupError(f"is no URDF: it is a <{root.tag}>", file=file, remedy="give a file with a <robot>")
     if any(element.tag.startswith("{http://") and "xacro" in element.tag for element in root):
@@ -76,8 +76,18 @@ def load_urdf(path: str | os.PathLike[str]) -> Urdf:
     return urdf._replace(joints=_joints(root, urdf))
 
 
-def _parse(content: bytes, file: str) -> ET.Element:
-    """The root element; a first pass refuses what could grow or nest without end."""
+def parse_xml(content: bytes, file: str, kind: str, most: int) -> ET.Element:
+    """The root element; a first pass refuses what could grow, or nest more than so many elements.
+
+    Args:
+        content: of the file.
+        file: its name, for messages.
+        kind: what the file should be, for messages.
+        most: nested elements.
+
+    Raises:
+        SetupError: it is no XML, or refused.
+    """
     depth = 0
 
     def refuse(*_: object) -> None:
@@ -86,8 +96,8 @@ def _parse(content: bytes, file: str) -> ET.Element:
     def enter(*_: object) -> None:
         nonlocal depth
         depth += 1
-        if depth > MAX_DEPTH:
-            raise SetupError(f"nests more than {MAX_DEPTH} elements", file=file, remedy="give a URDF")
+        if depth > most:
+            raise SetupError(f"nests more than {most} elements", file=file, remedy=f"give {kind}")
 
     def leave(_: object) -> None:
         nonlocal depth
@@ -99,7 +109,7 @@ def _parse(content: bytes, file: str) -> ET.Element:
         parser.Parse(content, True)
         return ET.fromstring(content)
     except (expat.ExpatError, ET.ParseError, ValueError, LookupError) as error:  # the last two: odd encodings
-        raise SetupError(f"is not valid XML: {error}", file=file, remedy="give a URDF") from error
+        raise SetupError(f"is not valid XML: {error}", file=file, remedy=f"give {kind}") from error
 
 
 def _joints(root: ET.Element, urdf: Urdf) -> dict[str, Joint]:

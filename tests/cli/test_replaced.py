@@ -33,6 +33,8 @@ OUTPUTS = {
     ("calibrate", "html"): f"calibrate {LOG} -o new.toml --html {{}}.html",
     ("simulate", "output"): "simulate --setup setup.toml -o {}.npz",
     ("simulate", "truth"): "simulate --setup setup.toml -o new.npz --truth {}.json",
+    ("plan", "output"): "plan --setup setup.toml -o {}.csv",
+    ("plan", "json"): "plan --setup setup.toml -o new.csv --json {}.json",
     ("diagnose", "json"): f"diagnose {LOG} --json {{}}.json",
     ("diagnose", "html"): f"diagnose {LOG} --html {{}}.html",
     ("diagnose", "output"): f"diagnose {LOG} --apply -o {{}}.toml",

@@ -8,7 +8,6 @@ import pytest
 
 from ftbias_jax.diagnosis.check_effects import check_effects
 from ftbias_jax.model.effects.catalogue import CATALOGUE
-from ftbias_jax.model.effects.fitting import Fitting, Starts
 from ftbias_jax.model.effects.types import Effect, Parameter, Twin
 from ftbias_jax.model.own_effects import load_effects
 
@@ -26,6 +25,21 @@ def entry(reading, *parameters, **more):
 def from_then_on(values, signals, wrench):
     begun = jax.nn.sigmoid((signals.t - values["begin"]) / 0.3)
     return wrench + values["size"] * begun[:, None]
+
+
+def for_a_while(values, signals, wrench):
+    on = (signals.t > values["begin"]) & (signals.t < values["end"])
+    return wrench + values["size"] * on[:, None]
+
+
+def there(values, signals, wrench):
+    away = signals.path.position - values["place"][None]
+    near = jnp.exp(-((away / values["width"]) ** 2).sum(1, keepdims=True))
+    return wrench + values["size"] * near
+
+
+PLACE = Parameter("place", "m", "where it acts", (3,), -2, 2, scale=0.2, search=True)
+JOINT = Parameter("joint", "1", "whose", (), 1, 7, 1.0, 0.0, search=True)
 
 
 @pytest.mark.parametrize(
@@ -46,7 +60,6 @@ def from_then_on(values, signals, wrench):
         (entry(lambda v, s, w: w + jnp.floor(v["size"] / 3e-5)), "size: the reading is not differentiable by it"),
         (entry(lambda v, s, w: w + v["size"] ** 2), "size: at neutral the reading does not depend on it"),
         (entry(lambda v, s, w: w), "typical values (neutral plus scale) change nothing"),
-        (entry(from_then_on, SIZE, BEGIN._replace(scale=0.0), fit=Fitting(Starts("size"))), "the time 'size' must be"),
         (entry(lambda v, s, w: w + v["size"], twins=(Twin("hose", False, "?"),)), "its twin 'hose' is no effect"),
         (
             entry(lambda v, s, w: w + v["size"] + jnp.sin(v["tempo"]) - jnp.sin(1.0), SIZE, TEMPO),
@@ -75,7 +88,10 @@ def test_a_fault_is_told(effect, fault):
         entry(lambda v, s, w: w + v["size"], SIZE._replace(lower=0)),
         entry(lambda v, s, w: w + v["size"] * jnp.sin(v["tempo"] * s.t)[:, None], SIZE, TEMPO),
         entry(from_then_on, SIZE, BEGIN._replace(starts=(5.0, 15.0, 25.0, 35.0))),
-        entry(from_then_on, SIZE, BEGIN, fit=Fitting(Starts(when="begin"))),
+        entry(from_then_on, SIZE, BEGIN),
+        entry(for_a_while, SIZE, BEGIN._replace(lower=0.0), BEGIN._replace(name="end", lower=0.0)),
+        entry(there, SIZE, PLACE, TEMPO._replace(name="width", unit="m", lower=0.02, upper=1.0, neutral=0.1)),
+        entry(lambda v, s, w: w + v["size"] * (v["joint"] == 6) * s.q[:, 5, None], SIZE, JOINT),
         Effect("own", "kinematics", (SIZE,), "", "", transform=lambda v, s: s._replace(q=s.q + v["size"])),
         Effect("own", "timing", (SIZE,), "", "", recording=lambda v, k, r: r._replace(wrench=r.wrench + v["size"])),
     ],

@@ -22,7 +22,7 @@ ELSEWHERE = {
     "regression/fit.py": "when a solver has converged",
     "terms/fit_terms.py": "when a solver has converged",
     "terms/found.py": "how numbers are told",
-    "proposals/starts.py": "how starts are spread",
+    "proposals/searched.py": "how starts are spread",
     "proposals/pulls.py": "how starts are spread",
     "terms/grid.py": "which terms a robot with so many joints can have; lengths of spectra",
     "samples/exact.py": "levels that a line needs; a fourth of a step",

@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
         stages("drafting a setup" if drafts else "reading")
         setup, urdf = _draft(arguments) if drafts else (setup_of(arguments), "")
         kinds = {"--output": SETUP, "--html": PAGE, "--json": CALIBRATION}
-        paths = logs_of(arguments, setup, kinds, stated=(setup.urdf,) if drafts else None)
+        paths = logs_of(arguments, setup, kinds, stated=(setup.description,) if drafts else None)
         logs = [read_log(path, setup, raw=True) for path in paths]
 
         from ftbias_jax.runtime.jax_config import prepare_jax

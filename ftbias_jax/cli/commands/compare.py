@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.errors import LogError, UsageError, printable
+from ftbias_jax.errors import UsageError, printable
+from ftbias_jax.io.atomic import read_json
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.dump import lines_of, toml_value
 
-MAX_BYTES = 64 << 20
-"""Of a JSON file."""
 MOST = 200
 """Lines that are printed of JSON files."""
 
@@ -56,20 +55,7 @@ def _differences(one: Mapping[str, str], two: Mapping[str, str]) -> Iterator[str
 
 def _documents(one: str, two: str) -> Iterator[str]:
     """Values at the same place of two JSON files."""
-    yield from _differences(*(dict(_leaves(_json(path), "")) for path in (one, two)))
-
-
-def _json(path: str) -> Any:
-    try:
-        with open(path, "rb") as file:
-            content = file.read(MAX_BYTES + 1)
-        if len(content) > MAX_BYTES:
-            raise LogError(f"is larger than {MAX_BYTES >> 20} MiB", file=path, remedy="give a diagnosis or a check")
-        return json.loads(content)
-    except OSError as error:
-        raise LogError(f"cannot be read: {error.strerror}", file=path, remedy="check the path") from error
-    except (ValueError, RecursionError) as error:
-        raise LogError(f"is not valid JSON: {error}", file=path, remedy="give a diagnosis or a check") from error
+    yield from _differences(*(dict(_leaves(read_json(path, "a diagnosis or a check"), "")) for path in (one, two)))
 
 
 def _leaves(value: Any, place: str) -> Iterator[tuple[str, str]]:

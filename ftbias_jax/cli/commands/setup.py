@@ -1,4 +1,4 @@
-"""``ftbias setup``: a first setup, as far as a robot's name, a URDF or a log tell it. ``ftbias export``: its tool."""
+"""``ftbias setup``: a first setup, as far as a robot's name, files or a log tell it."""
 
 from __future__ import annotations
 
@@ -13,11 +13,6 @@ from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.draft.dh_table import DhTable
 from ftbias_jax.io.draft.draft import Request, urdf_beside
 from ftbias_jax.io.outputs import check_outputs, check_writable, refuse_existing
-from ftbias_jax.io.write.mcap import LAYOUTS
-from ftbias_jax.io.write.ours import EXPORT
-from ftbias_jax.setup import load_setup
-from ftbias_jax.setup.export import export_text
-from ftbias_jax.setup.export.payload import ExportOptions
 from ftbias_jax.setup.keys.table import json_schema
 from ftbias_jax.setup.robots import BUILT_IN, describe_robot
 
@@ -31,8 +26,8 @@ def run(arguments: argparse.Namespace) -> int:
         width = max(map(len, BUILT_IN))
         print("\n".join(f"{name:{width}s}  {describe_robot(name)}" for name in BUILT_IN))
         return 0
-    if not (arguments.logs or arguments.robot or arguments.urdf or arguments.dh):
-        remedy = "name a built-in robot, or give --urdf FILE, --dh FILE or a LOG; --list shows the robots"
+    if not (arguments.logs or arguments.robot or arguments.urdf or arguments.mjcf or arguments.dh):
+        remedy = "name a built-in robot, or give --urdf FILE, --mjcf FILE, --dh FILE or a LOG; --list shows the robots"
         raise UsageError("nothing says which robot", field="--robot", remedy=remedy)
     if (arguments.dh_convention or arguments.dh_units) and not arguments.dh:
         field = "--dh-convention" if arguments.dh_convention else "--dh-units"
@@ -41,13 +36,15 @@ def run(arguments: argparse.Namespace) -> int:
     if output:
         check_writable(output, ".toml")
     places = {"--output": output, "the recording's URDF": urdf_beside(output) if output else ""}
-    check_outputs(places, (*arguments.logs, arguments.urdf, arguments.dh))
+    check_outputs(places, (*arguments.logs, arguments.urdf, arguments.mjcf, arguments.dh))
     if output:
         refuse_existing(output)
     request = Request(
         logs=arguments.logs,
         robot=arguments.robot,
         urdf=arguments.urdf,
+        mjcf=arguments.mjcf,
+        site=arguments.site,
         base_link=arguments.base,
         tip_link=arguments.tip,
         dh=DhTable(arguments.dh, arguments.dh_convention, arguments.dh_units) if arguments.dh else None,
@@ -71,38 +68,3 @@ def run(arguments: argparse.Namespace) -> int:
     if output and arguments.logs:
         print(printable(f"next: ftbias info {shlex.quote(arguments.logs[0])} --setup {shlex.quote(output)}"))
     return 0
-
-
-def export(arguments: argparse.Namespace) -> int:
-    """Write or print what is asked for; returns 0."""
-    output = arguments.output
-    if output:
-        check_writable(output)
-        check_outputs({"--output": output}, [arguments.setup], {"--output": EXPORT}, arguments.force)
-    text = _exported(arguments)
-    if not output:
-        print(text, end="")
-        return 0
-    write_atomic(output, lambda file: file.write(text.encode()))
-    print(f"wrote {output}")
-    return 0
-
-
-def _exported(arguments: argparse.Namespace) -> str:
-    if arguments.format in LAYOUTS:
-        return LAYOUTS[arguments.format]()
-    if not arguments.setup:
-        raise UsageError("needs a setup with the tool", field="SETUP.toml", remedy="name it")
-    setup = load_setup(arguments.setup, with_tool=True)
-    check_outputs({"--output": arguments.output}, setup.files)
-    mass = arguments.sensor_mass
-    if mass is not None and not (0 < mass[0] < 1000 and max(map(abs, mass[1:])) < 10):
-        remedy = "give kg, and metres in the flange frame"
-        raise UsageError(f"{' '.join(f'{x:g}' for x in mass)} is no mass", field="--sensor-mass", remedy=remedy)
-    options = ExportOptions(
-        sensor_mass=None if mass is None else tuple(mass),
-        frames_as_stated=arguments.frames_as_stated,
-        sensor_frame=arguments.sensor_frame,
-        world_frame=arguments.world_frame,
-    )
-    return export_text(setup, arguments.format, options)

@@ -1,15 +1,21 @@
-"""``ftbias simulate``: a log as a robot would record it, and what is true about it in another file."""
+"""Before anything is recorded: ``ftbias simulate``, a log as a robot would record it with what is true in another file,
+and ``ftbias plan``, the motion that tells most about what is asked."""
 
 from __future__ import annotations
 
 import argparse
 from typing import Any
 
+from ftbias_jax.cli.given import setup_of
 from ftbias_jax.cli.terminal import tell_repairs
 from ftbias_jax.errors import UsageError
+from ftbias_jax.fleet.find import expand, inputs
 from ftbias_jax.io import read_log
+from ftbias_jax.io.atomic import refuse_link
 from ftbias_jax.io.outputs import check_outputs, check_writable
-from ftbias_jax.io.write.ours import LOG
+from ftbias_jax.io.write import writer, written
+from ftbias_jax.io.write.ours import LOG, PLAN, RESULT
+from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import load_setup
 
 GENERATED = ("sines", "moves")
@@ -48,6 +54,53 @@ def run(arguments: argparse.Namespace) -> int:
     print(simulated)
     print(f"wrote {arguments.output} and {truth_path}")
     return tell_repairs((path, log.repairs) for path, log in recorded.items())
+
+
+def plan_motion(arguments: argparse.Namespace) -> int:
+    """``ftbias plan``: plan a motion and write it; 3 if samples of a log were lost, else 0."""
+    writer(arguments.output)
+    outputs = {"--output": arguments.output, "--json": arguments.json}
+    for name, path in outputs.items():
+        if path:
+            check_writable(path, ".json" if name == "--json" else "", name)
+            refuse_link(path)
+    setup = setup_of(arguments, with_tool=True)
+    paths = expand(arguments.logs, setup.log.files) if arguments.logs else []
+    read = (*inputs(paths, setup.log.files), arguments.diagnosis, *setup.files)
+    check_outputs(outputs, read, {"--output": RESULT, "--json": PLAN}, arguments.force)
+    with Stages("planning") as stages:
+        stages("reading")
+        logs = [read_log(path, setup, raw=True) for path in paths]
+
+        from ftbias_jax.runtime.jax_config import prepare_jax
+
+        prepare_jax()
+        from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
+        from ftbias_jax.planning.diagnosed import Diagnosed, read_diagnosis
+        from ftbias_jax.planning.plan import plan
+
+        setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
+        found = Diagnosed({}, "")
+        if arguments.diagnosis:
+            found = read_diagnosis(arguments.diagnosis, catalogue_of_setup(setup))
+        made = plan(
+            setup,
+            arguments.to_find or found.twins or "tool",
+            duration=arguments.duration,
+            rate=arguments.rate,
+            start=arguments.start,
+            logs=logs,
+            values=found.values,
+            margin=arguments.margin,
+            seed=arguments.seed,
+            progress=stages,
+        )
+    print(made)
+    made.save(arguments.output)
+    if arguments.json:
+        made.to_json(arguments.json)
+    print(f"wrote {', '.join(path for path in (*written(arguments.output), arguments.json) if path)}")
+    return tell_repairs(zip(paths, (log.repairs for log in logs), strict=True))
 
 
 def split_effect(text: str) -> tuple[str, dict[str, Any]]:

@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     paths = [expand(logs, setup.log.files) for setup, (_, logs) in zip(setups, tools, strict=True)]
     numbers = range(1, len(tools) + 1) if len(tools) > 1 else [""]
     named = {f"--output {number}".strip(): output for number, output in zip(numbers, outputs, strict=True)}
-    stated = [file for setup in setups for file in (setup.files if not arguments.in_place else (setup.urdf,))]
+    stated = [file for setup in setups for file in (setup.files if not arguments.in_place else (setup.description,))]
     read = [file for setup, logs in zip(setups, paths, strict=True) for file in inputs(logs, setup.log.files)]
     check_outputs(named, (*read, *stated), {} if arguments.in_place else dict.fromkeys(named, SETUP), arguments.force)
 

@@ -5,6 +5,6 @@ from __future__ import annotations
 from ftbias_jax.cli.parsers.logs import OF_LOGS
 from ftbias_jax.cli.parsers.setups import OF_SETUPS
 
-ORDER = "setup filter tune identify calibrate export check simulate diagnose effects info report compare demo"
+ORDER = "setup filter tune identify calibrate export check simulate diagnose plan effects info report compare demo"
 """Of ``ftbias --help``."""
 COMMANDS = {name: (OF_SETUPS | OF_LOGS)[name] for name in ORDER.split()}

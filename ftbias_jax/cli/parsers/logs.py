@@ -9,6 +9,7 @@ from ftbias_jax.cli.options import (
     LOGS,
     OUTSIDE,
     OWN_EFFECTS,
+    SEED,
     UNCHECKED,
     Command,
     choice,
@@ -18,10 +19,12 @@ from ftbias_jax.cli.options import (
     flag,
     gate,
     group,
+    length,
     option,
     output,
     positive,
     setup,
+    share,
 )
 
 OF_LOGS = {
@@ -120,6 +123,37 @@ OF_LOGS = {
             FORCE,
         ),
         "Example: ftbias diagnose LOG.npz --setup SETUP.toml --html REPORT.html --apply -o FIXED.toml",
+    ),
+    "plan": Command(
+        "plan the motion that tells most about the tool, an effect, or which of two it is",
+        "Find a motion within the limits of the robot and of [limits] that tells most about what is asked, and say how "
+        "well it will tell. It knows nothing of self-collision, and nothing of what stands in the cell.",
+        (
+            setup("robot, sensor, tool, noise, effects and limits"),
+            option(
+                "--for",
+                "tool|EFFECT|A:B",
+                "tell the tool's parameters, those of an effect, or one effect from another (default: the two that "
+                "--diagnosis cannot distinguish, or the tool)",
+                dest="to_find",
+                default="",
+            ),
+            option("--diagnosis", "OUT.json", "what ftbias diagnose found: effects as large as there", default=""),
+            option(
+                "--from", "LOG", "logs at hand, whose first pose the plan starts in", dest="logs", nargs="+", default=[]
+            ),
+            option("--start", "Q", "first and last pose instead: rad for every joint", type=float, nargs="+"),
+            *length(20.0, 500.0),
+            option("--margin", "SHARE", "of every limit, left unused (%(default)s)", type=share, default=0.1),
+            output("MOTION.csv", "where to write the motion, .csv, .npz or .parquet", required=True),
+            option("--json", "PLAN.json", "also write what it will tell, for programs"),
+            SEED,
+            OWN_EFFECTS,
+            OUTSIDE,
+            FORCE,
+        ),
+        "Example: ftbias plan --setup SETUP.toml --for tool --duration 20 -o motion.csv --json plan.json",
+        "simulate:plan_motion",
     ),
     "effects": Command(
         "list and describe the effects that are looked for, or check your own",

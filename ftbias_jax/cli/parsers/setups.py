@@ -28,14 +28,16 @@ from ftbias_jax.setup.robots import CONVENTIONS, UNITS
 
 OF_SETUPS = {
     "setup": Command(
-        "draft a setup from a robot's name, a URDF or a log",
-        "Write a commented setup with everything that the robot's name, its URDF and LOG tell: kinematics, limits, "
-        "names of joints, topics, mounting, noise, and the tool by its weight. What is left says 'measure me'.",
+        "draft a setup from a robot's name, a URDF, an MJCF or a log",
+        "Write a commented setup with everything that the robot's name, its URDF or MJCF and LOG tell: kinematics, "
+        "limits, names of joints, topics, mounting, noise, and the tool by its weight. What is left says 'measure me'.",
         (
             option("logs", "LOG", "a log that shall be filtered with it; or all its files, one a stream", nargs="*"),
             option("--robot", "NAME", "a built-in robot; --list shows them", default=""),
             option("--urdf", "FILE", "a URDF instead", default=""),
-            option("--base", "LINK", "base link of the URDF (default: the root)", default=""),
+            option("--mjcf", "FILE", "an MJCF instead (needs the extra 'mujoco')", default=""),
+            option("--site", "SITE", "of the MJCF: where the sensor is (default: as its sensors say)", default=""),
+            option("--base", "LINK", "base: link of the URDF (the root), or body of the MJCF (the world)", default=""),
             option("--tip", "LINK", "flange of the URDF (default: tool0, flange, ...)", default=""),
             option("--dh", "FILE", "a Denavit-Hartenberg table instead: CSV, columns a, alpha, d, theta", default=""),
             option(
@@ -173,19 +175,34 @@ OF_SETUPS = {
         "Example: ftbias calibrate monday.bag --robot ur10e -o setup.toml --html calibration.html",
     ),
     "export": Command(
-        "write the tool as a payload of UR or Franka or as YAML for ROS, or a layout for viewers",
+        "write the tool for UR, Franka or ROS, what was found into a simulator's file, or a layout for viewers",
         "Write the tool of SETUP.toml (and for ROS its bias) as a robot's controller or a package of ROS reads it, in "
-        "the frame and sign that it needs; or a layout of the topics that filter writes as MCAP.",
+        "the frame and sign that it needs; what DIAGNOSIS.json found, or the effects of SETUP.toml, into a simulator's "
+        "own file, with sensor_model.toml and not_expressed.json beside it; or a layout of the topics that filter "
+        "writes as MCAP.",
         (
-            option("setup", "SETUP.toml", "with the tool; layouts do without a setup", nargs="?", default=""),
+            option(
+                "found",
+                "SETUP.toml",
+                "with the tool; or DIAGNOSIS.json for mjcf and sensor; layouts do without",
+                nargs="?",
+                default="",
+            ),
             option(
                 "--format",
                 None,
                 "ur: URScript; franka: setLoad as JSON; ros: ros2_control's broadcaster with gravity compensation, "
-                "YAML; ft_calib: YAML of force_torque_tools; foxglove, plotjuggler: layouts",
+                "YAML; ft_calib: YAML of force_torque_tools; mjcf: a scene of MuJoCo; sensor: the sensor's own errors, "
+                "for any simulator; foxglove, plotjuggler: layouts",
                 required=True,
-                choices=["ur", "franka", "ros", "ft_calib", "foxglove", "plotjuggler"],
+                choices=["ur", "franka", "ros", "ft_calib", "mjcf", "sensor", "foxglove", "plotjuggler"],
             ),
+            option("--setup", "SETUP.toml", "the setup of DIAGNOSIS.json", default=""),
+            option("--like", "SCENE.xml", "mjcf: the scene to mend, whose comments and layout are kept", default=""),
+            option(
+                "--site", "SITE", "mjcf: where the sensor is in the scene (as the setup or its sensors say)", default=""
+            ),
+            option("--base", "BODY", "mjcf: whose frame is the setup's base frame (as the setup says)", default=""),
             output("FILE", "the file to write (default: standard output)"),
             option(
                 "--sensor-mass",
@@ -204,8 +221,9 @@ OF_SETUPS = {
             option("--world-frame", "FRAME", "ros: name of the base frame (the one of the robot's maker)", default=""),
             FORCE,
         ),
-        "Example: ftbias export identified.toml --format ur -o payload.script",
-        "setup:export",
+        "Examples: ftbias export identified.toml --format ur -o payload.script; ftbias export found.json "
+        "--setup setup.toml --format mjcf --like scene.xml -o mended.xml",
+        "simulators.export",
     ),
     "simulate": Command(
         "make a log with known truth, with any effects",

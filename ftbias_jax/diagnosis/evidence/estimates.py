@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis, Slow, neutral_of
+from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis, Slow, moments, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.entries import whole_matrix
 from ftbias_jax.diagnosis.regression import chain_model
@@ -15,7 +15,7 @@ from ftbias_jax.diagnosis.regression.evaluate import whitened
 from ftbias_jax.diagnosis.regression.fit import Fit, covariance
 from ftbias_jax.diagnosis.regression.series import shaped, slope_in_time
 from ftbias_jax.diagnosis.result import Candidate, Numbers
-from ftbias_jax.model.effects.fitting import ByJoint, Entries, Settling, Starts, Step, Touches
+from ftbias_jax.model.effects.fitting import ByJoint, Entries, Settling, Step, Touches
 from ftbias_jax.model.effects.statements import Estimate, amount
 from ftbias_jax.model.effects.types import Effect
 
@@ -88,8 +88,8 @@ def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarra
     z[-1, list(h.free)] *= 1 - form_error(problem, h.effect)
     told = chain_model.to_values.prepare(signals, fit.z, catalogue=problem.catalogue)
     values = [told(signals, row)[h.effect] for row in z]
-    search = problem.catalogue[h.effect].fit.search
-    when = search.when if isinstance(search, Starts) else ""
+    effect = problem.catalogue[h.effect]
+    search, of_time = effect.fit.search, moments(problem, effect)
     found: Parameters = {}
     errors: Parameters = {}
     for name in values[0]:
@@ -97,7 +97,7 @@ def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarra
         if isinstance(h.detail, int):
             at = at[:, h.detail - 1]
         off = np.abs(at[1:] - at[0])
-        if name == when:  # a moment is not the less certain the later it is
+        if name in of_time:  # a moment is not the less certain the later it is
             off[-1] = TIME_STDERR
         either = np.maximum(*np.split(off[:-1], 2))
         found[name], errors[name] = _plain(at[0]), _plain(np.sqrt((either**2).sum(0) + off[-1] ** 2))

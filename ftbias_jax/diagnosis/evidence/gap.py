@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.evidence.estimates import parameters
+from ftbias_jax.diagnosis.hypothesis import moments
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.design_matrix import Columns, change, step_and_gain
 from ftbias_jax.diagnosis.regression.fit import Fit, stepped
@@ -60,7 +61,7 @@ class Judge:
 def unseen_error(problem: Problem, fit: Fit) -> np.ndarray:
     """(U, 6) errors of each fold with the numbers fitted to the other folds, to first order around the whole fit."""
     # What acts for a moment has every fourth bin left out: a longer block would hide all of it.
-    local = any(h.local for h in fit.hypotheses)
+    local = any(h.local or moments(problem, problem.catalogue[h.effect]) for h in fit.hypotheses)
     fold = (np.arange(len(problem.t)) if local else problem.block(BLOCK_SECONDS)) % FOLDS
     error = fit.error.copy()
     for k in range(FOLDS if fit.degrees else 0):

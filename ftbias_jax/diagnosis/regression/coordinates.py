@@ -84,14 +84,14 @@ def layout(n: int, catalogue: Catalogue = CATALOGUE) -> Layout:
             size = n if by_joint else int(np.prod(parameter.shape))
             start = sum(pair.shape[1] for pair in bounds)
             slices[effect.name, parameter.name] = slice(start, start + size)
-            bounds.append(np.stack([np.broadcast_to(edge, size) for edge in _bounds(scale_of(effect, parameter))]))
+            bounds.append(np.stack([np.broadcast_to(edge, size) for edge in bounds_of(scale_of(effect, parameter))]))
     least, most = np.concatenate(bounds, 1)
     whole = Layout(slices, least, most, np.zeros(0, int))
     joints = [whole.of_effect(effect.name) for effect in catalogue.searched_by(ByJoint)]
     return whole._replace(of_joints=np.concatenate([whole.of_joints, *joints]))
 
 
-def _bounds(scale: Scale) -> tuple[np.ndarray, np.ndarray]:
+def bounds_of(scale: Scale) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest coordinates."""
     kind, zero, unit, lower, upper = scale
     if kind == LOGARITHM:
@@ -128,6 +128,12 @@ def why_not_fitted(effect: Effect) -> str:
 def strengths(effect: Effect) -> list[Parameter]:
     """Parameters that switch an effect off at their neutral value, whatever the others are."""
     return [p for p in effect.parameters if not p.search and can_move(p).any()]
+
+
+def is_moment(parameter: Parameter, seconds: float) -> bool:
+    """Whether a parameter is a moment of a log of so many seconds: a time that is searched, from 0 to its end."""
+    searched = parameter.search and parameter.unit == "s" and not parameter.shape and bool(can_move(parameter).any())
+    return searched and not parameter.starts and bool(np.all(parameter.lower <= 0 and parameter.upper >= seconds))
 
 
 def can_move(parameter: Parameter) -> np.ndarray:

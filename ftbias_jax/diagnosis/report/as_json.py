@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
-from ftbias_jax.diagnosis.result import Diagnosis
-from ftbias_jax.io.atomic import write_json
+from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
+from ftbias_jax.errors import LogError
+from ftbias_jax.io.atomic import read_json, write_json
 
 SCHEMA = 2
 
@@ -54,6 +55,29 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
     }
     plain: dict[str, Any] = _plain(content)
     return plain
+
+
+def load_found(path: str) -> tuple[tuple[Candidate, ...], tuple[FoundTerm, ...], dict[str, Any]]:
+    """Causes and terms of a saved diagnosis, and all of its content.
+
+    Args:
+        path: of the JSON file.
+
+    Raises:
+        LogError: it cannot be read, or is no diagnosis.
+    """
+    content = read_json(path, "a diagnosis")
+    try:
+        causes = tuple(Candidate(**_fields(cause, Candidate._fields)) for cause in content["causes"])
+        terms = tuple(FoundTerm(**_fields(term, FoundTerm._fields)) for term in content["terms"])
+    except (KeyError, TypeError, AttributeError) as error:
+        remedy = "give what ftbias diagnose --json writes"
+        raise LogError(f"is no diagnosis: {error!r}", file=path, remedy=remedy) from error
+    return causes, terms, content
+
+
+def _fields(entry: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    return {name: entry[name] for name in names if name in entry}
 
 
 def _plain(value: Any) -> Any:

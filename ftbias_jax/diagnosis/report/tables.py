@@ -207,7 +207,7 @@ def origin_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     rows = [("made at", datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"))]
     rows += [("command", diagnosis.command)] if diagnosis.command else []
     rows += [("versions", _versions()), ("robot", origin["robot"])]
-    for kind, file in (("setup", origin["setup"]), ("URDF", origin["urdf"])):
+    for kind, file in (("setup", origin["setup"]), ("URDF or MJCF", origin["urdf"])):
         rows += [(f"{kind} {file['name']}", f"SHA-256 {file['sha256']}")] if file else []
     for log in origin["logs"]:
         measured = f"{log['samples']} samples of the wrench in {log['duration']:.6g} s, {log['rate'] or 0:.4g} Hz"

@@ -1,4 +1,4 @@
-"""A setup drafted from a robot's name, a URDF or a log: everything they tell, and what is left to measure."""
+"""A setup drafted from a robot's name, a URDF, an MJCF or a log: everything they tell, and what is left to measure."""
 
 from __future__ import annotations
 
@@ -18,12 +18,23 @@ from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.draft.conventions import Read, accelerometer, best_reading, gyroscope, position_axes, ways_of
 from ftbias_jax.io.draft.dh_table import DhTable, from_table
 from ftbias_jax.io.draft.evidence import Weighed, quietest_noise, scatter_in_motion, tool_keys, weigh
-from ftbias_jax.io.draft.robot import Keys, built_in, from_urdf, look_into, mounting, robots_with, sensor_frame
+from ftbias_jax.io.draft.robot import (
+    Keys,
+    built_in,
+    from_mjcf,
+    from_urdf,
+    look_into,
+    mounting,
+    renamed,
+    robots_with,
+    sensor_frame,
+)
 from ftbias_jax.io.draft.table import Table, left_to_choose, look, patterns, stated_columns, time_unit
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.pose import sensor_rotations
 from ftbias_jax.io.ros.record import is_ros
 from ftbias_jax.setup.dump import MEASURE, Known, write_template
+from ftbias_jax.setup.mjcf import load_mjcf, mjcf_robot
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.setup.urdf import load_urdf
@@ -43,6 +54,8 @@ class Request(NamedTuple):
     robot: str = ""
     """Name of a built-in one."""
     urdf: str = ""
+    mjcf: str = ""
+    site: str = ""
     base_link: str = ""
     tip_link: str = ""
     dh: DhTable | None = None
@@ -76,8 +89,8 @@ def draft(request: Request) -> Draft:
     Raises:
         UsageError: it is not said which robot, or in two ways. LogError, SetupError: a file cannot be read.
     """
-    if bool(request.robot) + bool(request.urdf) + bool(request.dh) > 1:
-        raise UsageError("the robot is named twice", field="--robot, --urdf, --dh", remedy="keep one of them")
+    if sum(map(bool, (request.robot, request.urdf, request.mjcf, request.dh))) > 1:
+        raise UsageError("the robot is named twice", field="--robot, --urdf, --mjcf, --dh", remedy="keep one of them")
     with _folder(request) as folder:
         file = os.path.join(folder, Path(request.output).name)
         keys, urdf, tables = _of_robot(request, folder)
@@ -112,7 +125,7 @@ def urdf_beside(output: str) -> str:
 @contextmanager
 def _folder(request: Request) -> Iterator[str]:
     """Where relative paths of the setup start; for a recording, whose URDF is not written yet, another one."""
-    if request.robot or request.urdf or request.dh:
+    if request.robot or request.urdf or request.mjcf or request.dh:
         yield os.path.dirname(os.path.abspath(request.output))
         return
     with tempfile.TemporaryDirectory() as folder:
@@ -123,6 +136,8 @@ def _of_robot(request: Request, folder: str) -> tuple[Keys, str, list[Table]]:
     """Keys of robot, mounting and topics; the URDF that the recording has, if it is needed; what is in tables."""
     links = (request.base_link, request.tip_link)
     stated = from_table(request.dh) if request.dh else from_urdf(request.urdf, *links, folder) if request.urdf else {}
+    if request.mjcf:
+        stated = from_mjcf(request.mjcf, request.base_link, request.site, folder)
     if len(request.logs) != 1 or not is_ros(request.logs[0]):
         tables = [look(path) for path in request.logs]
         has_pose = any(table.orientation for table in tables)  # then no robot need be known
@@ -138,6 +153,9 @@ def _of_robot(request: Request, folder: str) -> tuple[Keys, str, list[Table]]:
         Path(path).write_text(urdf, encoding="utf-8")
         stated = from_urdf(path, *links, folder)
     stated = stated or built_in(_named(request, recorded.joints), recorded.joints)
+    if request.mjcf:
+        theirs = mjcf_robot(load_mjcf(request.mjcf, request.site, request.base_link)).joint_names
+        return {**renamed(stated, theirs, recorded.joints, Path(request.mjcf).name), **recorded.keys}, "", []
     mounted: Keys = {}
     if "robot.urdf" in stated and recorded.frame:
         mounted = mounting(load_urdf(request.urdf or path), str(stated["robot.tip_link"].value), recorded.frame)
@@ -152,7 +170,7 @@ def _named(request: Request, recorded: Sequence[str]) -> str:
     if len(found) == 1:
         return found[0]
     words = f"the joints are those of {', '.join(found)}" if found else "which robot is it?"
-    raise UsageError(words, field="--robot", remedy="name a built-in robot, or give --urdf or --dh FILE")
+    raise UsageError(words, field="--robot", remedy="name a built-in robot, or give --urdf, --mjcf or --dh FILE")
 
 
 def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tuple[Keys, list[str], Log | None]:

@@ -1,4 +1,4 @@
-"""What a built-in robot, a URDF or a recording of ROS says in a setup: joints, topics, where the sensor is."""
+"""What a built-in robot, a URDF, an MJCF or a recording of ROS says in a setup: joints, topics, where the sensor is."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ftbias_jax.io.ros.messages import JOINT_STATE, TF, WRENCH_STAMPED
 from ftbias_jax.io.ros.record import Stream, Wanted, read_recording
 from ftbias_jax.setup.dump import Known
 from ftbias_jax.setup.fields import nearest
+from ftbias_jax.setup.mjcf import load_mjcf, mjcf_tool
 from ftbias_jax.setup.robots import BUILT_IN, Pose, built_in_robot, describe_robot, pose_at
 from ftbias_jax.setup.rotations import rpy_from_rotation
 from ftbias_jax.setup.urdf import Urdf, fixed_pose, load_urdf
@@ -30,16 +31,7 @@ def built_in(model: str, recorded: Sequence[str] = ()) -> Keys:
     if model not in BUILT_IN:
         raise UsageError(f"there is no built-in robot {model!r}", field="--robot", remedy=nearest(model, BUILT_IN))
     keys = {"robot.model": Known(model, describe_robot(model))}
-    theirs = built_in_robot(model).joint_names
-    if recorded and not set(theirs) <= set(recorded):
-        ending = [[other for other in recorded if other.endswith(name)] for name in theirs]
-        names = [found[0] for found in ending if len(found) == 1]
-        if len(names) < len(theirs):
-            remedy = f"name another robot; the joints of {model} are {', '.join(theirs)}"
-            message = f"the recording has the joints {', '.join(recorded[:20])}"
-            raise UsageError(message, field="--robot", remedy=remedy)
-        keys["robot.joint_names"] = Known(names, "as recorded")
-    return keys
+    return renamed(keys, built_in_robot(model).joint_names, recorded, model)
 
 
 def robots_with(recorded: Iterable[str]) -> list[str]:
@@ -66,6 +58,38 @@ def from_urdf(path: str, base_link: str = "", tip_link: str = "", folder: str = 
         remedy = f"name it with --tip; links at which nothing hangs: {', '.join(ends[:12])}"
         raise UsageError("no link has the name of a flange", file=urdf.file, field="--tip", remedy=remedy)
     return keys | {"robot.tip_link": Known(flange, "" if tip_link else "by its name")}
+
+
+def from_mjcf(path: str, base: str = "", site: str = "", folder: str = "") -> Keys:
+    """Keys of the arm and the tool in an MJCF.
+
+    Without a base that is the world, without a site the one of the file's force and torque sensors. ``folder`` is that
+    of the setup, at which a relative path starts.
+    """
+    found = load_mjcf(path, site, base)
+    file, tool = os.path.basename(path), mjcf_tool(found)
+    keys = {"robot.mjcf": Known(os.path.relpath(path, folder or "."))}
+    keys |= {"robot.site": Known(found.model.site(found.site).name, "" if site else "by its sensors")}
+    keys |= {"robot.base_link": Known(base)} if base else {}
+    keys |= mounted(pose_at(), "the site's frame is the sensor's")
+    if not tool.unknown:  # not written as values, which would hold against those of a changed file
+        numbers = {name: np.atleast_1d(getattr(tool, name)) for name in ("mass", "center_of_mass", "inertia")}
+        words = {name: ", ".join(f"{x:.4g}" for x in value) for name, value in numbers.items()}
+        keys |= {f"tool.{name}": Known(None, f"of {file}: {text}") for name, text in words.items()}
+    return keys
+
+
+def renamed(keys: Keys, theirs: Sequence[str], recorded: Sequence[str], robot: str) -> Keys:
+    """The keys of a robot with joints of the names ``theirs``, and with their names in a recording if these differ."""
+    if not recorded or set(theirs) <= set(recorded):
+        return keys
+    ending = [[other for other in recorded if other.endswith(name)] for name in theirs]
+    names = [found[0] for found in ending if len(found) == 1]
+    if len(names) < len(theirs):
+        remedy = f"name another robot; the joints of {robot} are {', '.join(theirs)}"
+        message = f"the recording has the joints {', '.join(recorded[:20])}"
+        raise UsageError(message, field="--robot", remedy=remedy)
+    return keys | {"robot.joint_names": Known(names, "as recorded")}
 
 
 def mounting(urdf: Urdf, tip_link: str, frame: str) -> Keys:

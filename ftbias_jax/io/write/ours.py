@@ -14,7 +14,7 @@ from ftbias_jax.io.write.table import companion
 from ftbias_jax.setup.save import WRITTEN_BY
 
 RESULT, LOG, SETUP, PAGE, FIGURE, EXPORT = "a result", "a log", "a setup", "a page", "a figure", "an export"
-DIAGNOSIS, CHECK, SCORE, CALIBRATION = "a diagnosis", "a check", "a score", "a calibration"
+DIAGNOSIS, CHECK, SCORE, CALIBRATION, PLAN = "a diagnosis", "a check", "a score", "a calibration", "a plan"
 END = 1 << 16
 """Bytes at either end of a file that are looked at."""
 GENERATOR = b'<meta name="generator" content="ftbias_jax'
@@ -23,6 +23,7 @@ IN_JSON = {
     CHECK: (b'"ok"', b'"findings"'),
     CALIBRATION: (b'"kept"', b'"forecast"'),
     SCORE: (b'"versions"', b'"logs"'),
+    PLAN: (b'"expected_std"', b'"largest_share"'),
     LOG: (b'"provenance"', b'"effects"'),
 }
 """Kind -> what stands at the beginning of its JSON."""

@@ -76,7 +76,7 @@ def provenance(
         "version": __version__,
         "date": logs[0]["date"] if logs else None,
         "setup": {"name": os.path.basename(setup.path), "sha256": hashlib.sha256(text).hexdigest()},
-        "urdf": _of_file(setup.urdf) if setup.urdf else None,
+        "urdf": _of_file(setup.description) if setup.description else None,
         "robot": built_in or f"{len(setup.robot.joint_names)} joints",
         "logs": logs,
         "duration": sum(log["duration"] for log in logs),

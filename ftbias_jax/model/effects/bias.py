@@ -21,7 +21,8 @@ _TIMES = tuple(np.geomspace(0.5, 512.0, 21).tolist())
 
 def warmup(values: EffectValues, signals: Signals, wrench: Array) -> Array:
     """b + amplitude (1 - exp(-t / tau)), t from the start of the log."""
-    return wrench + jnp.expm1(-signals.t / values["tau"])[:, None] * values["amplitude"][None]
+    xp = signals.t.__array_namespace__()
+    return wrench + xp.expm1(-signals.t / values["tau"])[:, None] * values["amplitude"][None]
 
 
 def temperature_drift(values: EffectValues, signals: Signals, wrench: Array) -> Array:
@@ -35,9 +36,9 @@ def temperature_drift(values: EffectValues, signals: Signals, wrench: Array) -> 
 
 def bias_jump(values: EffectValues, signals: Signals, wrench: Array) -> Array:
     """b + amplitude from the stated time on, or reached along a straight line that begins there."""
-    after, ramp = signals.t - values["time"], values["ramp"]
-    rising = jnp.clip(after / jnp.where(ramp > 0, ramp, 1), 0, 1)
-    return wrench - jnp.where(ramp > 0, rising, jnp.where(after >= 0, 1, 0))[:, None] * values["amplitude"][None]
+    after, ramp, xp = signals.t - values["time"], values["ramp"], signals.t.__array_namespace__()
+    rising = xp.clip(after / xp.where(ramp > 0, ramp, 1), 0, 1)
+    return wrench - xp.where(ramp > 0, rising, xp.where(after >= 0, 1, 0))[:, None] * values["amplitude"][None]
 
 
 EFFECTS = (

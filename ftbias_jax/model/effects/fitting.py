@@ -112,10 +112,10 @@ class Ringing(NamedTuple):
 
 
 class Starts(NamedTuple):
-    """By what the parameters say of themselves: strengths linearised at each combination of the others' starts."""
+    """By what the parameters say of themselves: strengths linearised at each combination of the others' starts.
 
-    when: str = ""
-    """The parameter that is a time in the log, s: it is tried all along the log, and its ``starts`` do not matter."""
+    A searched time that may be 0 and may be as late as the end of the log is tried all along it.
+    """
 
 
 class Samples(NamedTuple):

@@ -21,12 +21,17 @@ def lagged(t: Array, signal: Array, cutoff: Array) -> Array:
     With u the input and tau = 1 / (2 pi cutoff), the lag e = y - u obeys e' = -e / tau - u', so over a step of
     x = dt / tau: e <- exp(-x) e - (u_new - u_old) (1 - exp(-x)) / x.
     """
-    dt = jnp.diff(t, prepend=t[:1])
-    x = jnp.where(dt > 0, 2 * jnp.pi * cutoff * dt, 0)
-    safe = jnp.where(x > 0, x, 1)
-    passed = jnp.where(x > 0, -jnp.expm1(-safe) / safe, 1)
+    decay, passed = lag_factors(jnp.diff(t, prepend=t[:1]), cutoff)
     step = jnp.diff(signal, axis=0, prepend=signal[:1])
-    return signal + _lag(jnp.exp(-x), -passed[:, None] * step)
+    return signal + _lag(decay, -passed[:, None] * step)
+
+
+def lag_factors(dt: Array, cutoff: Array) -> tuple[Array, Array]:
+    """exp(-x) and (1 - exp(-x)) / x of ``lagged`` for steps dt (...,) s, NumPy or JAX; 1 and 1 for a step of 0 s."""
+    xp = dt.__array_namespace__()
+    x = xp.where(dt > 0, 2 * np.pi * cutoff * dt, 0)
+    safe = xp.where(x > 0, x, 1)
+    return xp.exp(-x), xp.where(x > 0, -xp.expm1(-safe) / safe, 1)
 
 
 @compile_whole
@@ -85,10 +90,16 @@ def played(signal: Array, width: Array) -> Array:
     """
 
     def body(output: Array, value: Array) -> tuple[Array, Array]:
-        output = jnp.clip(output, value - width / 2, value + width / 2)
+        output = play(output, value, width)
         return output, output
 
     return jax.lax.scan(body, signal[0], signal)[1]
+
+
+def play(output: Array, value: Array, width: Array) -> Array:
+    """The next output (..., k) of the play operator for the next value (..., k), NumPy or JAX."""
+    following: Array = output.__array_namespace__().clip(output, value - width / 2, value + width / 2)
+    return following
 
 
 def delayed(t: Array, signal: Array, delay: Array) -> Array:

@@ -43,15 +43,19 @@ def vibration(values: EffectValues, key: Array, record: Record) -> Record:
     """White noise whose variance is a sum over the speeds of the joints, beside the noise at rest."""
     if record.dq is None:
         return record
-    rows = jnp.broadcast_to(values["variance"], (record.dq.shape[1], 6))
-    variance = MotionNoise(rows, values["speed"]).variance(record.dq)
-    shaking = jnp.sqrt(variance) * jax.random.normal(key, record.wrench.shape, record.wrench.dtype)
+    shaking = jnp.sqrt(shaken(values, record.dq)) * jax.random.normal(key, record.wrench.shape, record.wrench.dtype)
     return record._replace(wrench=record.wrench + shaking, noise=record.noise + shaking)
+
+
+def shaken(values: EffectValues, dq: Array) -> Array:
+    """(T, 6) N^2, Nm^2 that vibration adds at speeds of the joints (T, n) rad/s, NumPy or JAX."""
+    rows = dq.__array_namespace__().broadcast_to(values["variance"], (dq.shape[1], 6))
+    return MotionNoise(rows, values["speed"]).variance(dq)
 
 
 def saturation(values: EffectValues, key: Array, record: Record) -> Record:
     """Readings, bias included, stop at a limit of either sign."""
-    return record._replace(wrench=jnp.clip(record.wrench, -values["limits"][None], values["limits"][None]))
+    return record._replace(wrench=record.wrench.clip(-values["limits"][None], values["limits"][None]))
 
 
 def screen_saturated(values: EffectValues, wrench: Array) -> Array:
@@ -62,9 +66,9 @@ def screen_saturated(values: EffectValues, wrench: Array) -> Array:
 
 def quantisation(values: EffectValues, key: Array, record: Record) -> Record:
     """Readings are multiples of a step; a step of 0 leaves a channel alone."""
-    step = values["step"][None]
-    safe = jnp.where(step > 0, step, 1)
-    return record._replace(wrench=jnp.where(step > 0, safe * jnp.round(record.wrench / safe), record.wrench))
+    step, xp = values["step"][None], record.wrench.__array_namespace__()
+    safe = xp.where(step > 0, step, 1)
+    return record._replace(wrench=xp.where(step > 0, safe * xp.round(record.wrench / safe), record.wrench))
 
 
 def widen_quantised(values: EffectValues, variance: Array, rate: Array) -> Array:

@@ -36,7 +36,7 @@ def gain(values: EffectValues, signals: Signals, wrench: Array) -> Array:
 def crosstalk(values: EffectValues, signals: Signals, wrench: Array) -> Array:
     """A channel reads a part of the others: reading = M W; the diagonal of M counts as ones, the rest is ``gain``."""
     matrix = values["matrix"]
-    leak = matrix * jnp.asarray(_OFF_DIAGONAL, matrix.dtype)
+    leak = matrix * _OFF_DIAGONAL.astype(matrix.dtype)
     return wrench + wrench @ leak.T
 
 

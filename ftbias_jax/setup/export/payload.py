@@ -15,6 +15,7 @@ import numpy as np
 
 from ftbias_jax import __version__
 from ftbias_jax.errors import SetupError, printable
+from ftbias_jax.setup.bodies import RigidBody, joined
 from ftbias_jax.setup.recorded import POSE
 from ftbias_jax.setup.require import require_tool
 from ftbias_jax.setup.robots import built_in_robot, with_makers_flange
@@ -121,18 +122,7 @@ def franka_text(setup: Setup, options: ExportOptions) -> str:
     return json.dumps({"about": words, "setLoad": load, "franka_msgs/SetLoad": request}, indent=1) + "\n"
 
 
-class Payload(NamedTuple):
-    """A rigid body at the flange."""
-
-    mass: float
-    """kg."""
-    center: Array
-    """(3,) m, centre of mass in the flange frame."""
-    inertia: Array
-    """(3, 3) kg m^2 about the centre of mass, axes of the flange."""
-
-
-def payload_of(setup: Setup, maker: Maker, options: ExportOptions) -> Payload:
+def payload_of(setup: Setup, maker: Maker, options: ExportOptions) -> RigidBody:
     """The tool, and what is between flange and sensor, in the frame of the maker's flange.
 
     v_flange = R v_sensor turns vectors; a point c of the sensor frame is at R c + p, and the inertia about the centre
@@ -147,23 +137,12 @@ def payload_of(setup: Setup, maker: Maker, options: ExportOptions) -> Payload:
     turned, moved = _flange(setup, maker, options)
     sensor = setup.sensor
     rotation, position = turned @ sensor.rotation, turned @ sensor.translation + moved
-    inertia = rotation @ inertia_matrix(tool.inertia) @ rotation.T
-    payload = Payload(tool.mass, rotation @ tool.center_of_mass + position, inertia)
+    in_sensor = RigidBody(tool.mass, tool.center_of_mass, inertia_matrix(tool.inertia))
+    payload = in_sensor.seen_from(rotation.T, -rotation.T @ position)
     if options.sensor_mass is None:
         return payload
     mass, *center = options.sensor_mass
-    return joined(payload, Payload(mass, np.array(center), np.zeros((3, 3))))
-
-
-def joined(one: Payload, other: Payload) -> Payload:
-    """Two bodies as one."""
-    mass = one.mass + other.mass
-    center = (one.mass * one.center + other.mass * other.center) / mass
-    inertia = np.zeros((3, 3))
-    for body in (one, other):
-        arm = body.center - center
-        inertia += body.inertia + body.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    return Payload(mass, center, inertia)
+    return joined(payload, RigidBody(mass, np.array(center), np.zeros((3, 3))))
 
 
 def _check_mounting(setup: Setup) -> None:

@@ -2,6 +2,7 @@
 
 import json
 
+import made_scenes
 import made_weights as made
 import numpy as np
 import pytest
@@ -97,6 +98,32 @@ def test_a_urdf_gives_arm_flange_and_mounting(tmp_path):
     assert load_setup(tmp_path / "setup.toml").robot.joint_names == ("pan", "lift")
 
 
+def test_an_mjcf_gives_arm_site_and_tool(tmp_path, capsys):
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    scene, _ = made_scenes.write(tmp_path)
+    assert run("--mjcf", scene, "-o", tmp_path / "drafted.toml") == 0
+    text = (tmp_path / "drafted.toml").read_text()
+    assert 'mjcf = "scene.xml"' in text
+    assert 'site = "ft_site"' in text
+    assert "# mass = ...  # kg" not in text
+    assert "of scene.xml: 0.5" in text
+    setup = load_setup(tmp_path / "drafted.toml")
+    np.testing.assert_array_equal(setup.tool.inertia, load_setup(tmp_path / "setup.toml").tool.inertia)
+    assert run("--mjcf", scene, "--site", "x", "-o", tmp_path / "other.toml") == 1
+    assert "there is no site 'x'" in capsys.readouterr().err
+
+
+def test_joints_in_a_recording_are_found_by_the_end_of_their_names(tmp_path):
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    scene, _ = made_scenes.write(tmp_path)
+    rng = np.random.default_rng(0)
+    names = tuple(f"fr3_joint{i}" for i in range(1, 8))
+    messages = published(np.cumsum(rng.normal(size=(200, 7)) * 0.05, 0), names, rng.normal(size=(200, 6)))
+    log = recordings.write(tmp_path, "sqlite", messages)
+    assert run(log, "--mjcf", scene, "-o", tmp_path / "drafted.toml") == 0
+    assert load_setup(tmp_path / "drafted.toml").robot.joint_names == names
+
+
 def test_a_table_with_joints_is_weighed_too(tmp_path, capsys):
     t, q, wrench = made.arm_log("ur5e")
     np.savez(tmp_path / "log.npz", t=t, q=q, wrench=wrench)
@@ -107,7 +134,7 @@ def test_a_table_with_joints_is_weighed_too(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ((), "name a built-in robot, or give --urdf FILE, --dh FILE or a LOG"),
+        ((), "name a built-in robot, or give --urdf FILE, --mjcf FILE, --dh FILE or a LOG"),
         (("--robot", "UR5"), "there is no built-in robot 'UR5' (did you mean 'ur5'?)"),
         (("--robot", "ur5e", "--urdf", "arm.urdf"), "named twice"),
         (("--robot", "ur5e", "-o", "setup.json"), "end the name in .toml"),

@@ -34,8 +34,8 @@ CONTEXT = {
 }
 FILES = {"log": {"files": {"position": "*_joints.csv", "wrench": "*_wrench.csv"}}}
 CONTEXT |= {f"log.files.{key}": FILES for key in SECTIONS["log.files"].keys}
-OF_FILES = ("robot.urdf", "robot.base_link", "robot.tip_link", "tool.from_urdf_link")
-"""Keys that name a URDF or what is in it: tests/setup/test_urdf.py has them."""
+OF_FILES = ("robot.urdf", "robot.mjcf", "robot.site", "robot.base_link", "robot.tip_link", "tool.from_urdf_link")
+"""Keys that name a URDF or an MJCF, or what is in it: tests/setup/test_urdf.py and test_mjcf.py have them."""
 
 
 def setup_for(name):
@@ -190,7 +190,7 @@ def test_the_template_is_a_setup_that_says_what_to_measure():
 
 def test_every_line_that_the_template_comments_out_can_be_used_as_it_stands():
     excluded = {"base_link", "tip_link", "urdf", "joint_names", "from_urdf_link", "correlated_std", "correlated_time"}
-    excluded |= {"dh_convention", "dh_units"}
+    excluded |= {"dh_convention", "dh_units", "mjcf", "site"}
     lines = write_template(KNOWN).splitlines()
     places = [i for i, line in enumerate(lines) if line.startswith("# ") and " = " in line]
     names = [lines[i].removeprefix("# ").split(" = ")[0] for i in places]

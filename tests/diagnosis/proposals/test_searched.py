@@ -8,10 +8,9 @@ import pytest
 
 from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.diagnosis.diagnose import diagnose
-from ftbias_jax.diagnosis.proposals.starts import starts_of
+from ftbias_jax.diagnosis.proposals.searched import Extent, apart, starts_of, starts_together
 from ftbias_jax.filtering.verbs.from_setup import filter_log
 from ftbias_jax.model.effects.catalogue import neutral_values
-from ftbias_jax.model.effects.fitting import Fitting, Starts
 from ftbias_jax.model.effects.types import Effect, Model, Parameter
 from ftbias_jax.model.own_effects import load_effects
 from ftbias_jax.model.simulate_log import simulate
@@ -44,6 +43,40 @@ def test_stated_starts_are_taken_and_whole_numbers_and_places_searched_within_th
     assert (len(found), found.min(), found.max()) == (7, -0.1, 0.3)
 
 
+def together(*searched, seconds=40.0):
+    """All starts of an effect in a log of so many seconds, on a straight way of a metre."""
+    effect = Effect("own", "sensor", (SIZE, *searched), "", "", reading=lambda v, s, w: w)
+    way = np.linspace(0, 1, 101)[:, None] * np.array([[1.0, 0, 0]])
+    return starts_together(effect, neutral_values(effect, MODEL), Extent(seconds, apart(way)))
+
+
+BEGIN, END = (Parameter(name, "s", "", lower=0.0, scale=5.0, search=True) for name in ("begin", "end"))
+LENGTH = Parameter("length", "s", "", (), 0.05, 20.0, 1.0, 1.0, search=True)
+
+
+def test_a_time_that_may_be_as_late_as_the_log_is_tried_all_along_it():
+    for searched in ((BEGIN,), (BEGIN, END), (BEGIN, LENGTH)):
+        found = together(*searched)
+        times = np.unique([start["begin"] for start in found])
+        assert len(found) <= 256
+        assert len(times) >= 16
+        assert 0 < times[0] == pytest.approx(40 - times[-1])
+    delay = BEGIN._replace(name="delay", upper=0.5)
+    assert max(start["delay"] for start in together(delay)) < 0.5
+    stated = together(BEGIN._replace(starts=(3.0, 4.0)))
+    np.testing.assert_array_equal([start["begin"] for start in stated], [3, 4])
+
+
+def test_a_place_is_tried_where_the_sensor_passes_and_around_neutral_within_its_bounds():
+    place = Parameter("place", "m", "", (3,), -0.2, 0.7, 0.0, 0.3, search=True)
+    tried = np.array([start["place"] for start in together(place)])
+    passed = tried[(tried[:, 1:] == 0).all(1)]
+    assert tried.max() <= 0.7
+    assert np.diff(np.sort(passed[:, 0])).max() < 0.25
+    assert {(0.0, 0.3, 0.0), (0.0, 0.0, -0.2)} <= set(map(tuple, tried))
+    np.testing.assert_allclose(apart(np.linspace(0, 1, 101)[:, None] * np.eye(3)[:1])[:3, 0], [0.5, 0, 1], atol=1e-12)
+
+
 @pytest.fixture(scope="module")
 def hose(tmp_path_factory):
     path = tmp_path_factory.mktemp("own") / "hose.py"
@@ -71,7 +104,6 @@ PRESSED = Effect(
     "something presses from a time on",
     "look",
     reading=pressed,
-    fit=Fitting(Starts(when="begin")),
 )
 
 
@@ -87,6 +119,25 @@ def test_an_own_effect_that_begins_at_a_time_is_found_wherever_that_is(force, be
         np.abs(np.subtract(cause.parameters["force"], force)), 4 * np.array(cause.stderr["force"])
     )
     assert abs(cause.parameters["begin"] - begin) < 4 * cause.stderr["begin"] < 0.4
+
+
+def held(values, signals, wrench):
+    on = (signals.t > values["begin"]) & (signals.t < values["begin"] + values["length"])
+    return wrench + signals.push(on[:, None] * values["force"][None])
+
+
+HELD = PRESSED._replace(name="held", stage="environment", parameters=(*PRESSED.parameters, LENGTH), reading=held)
+
+
+def test_an_own_effect_that_lasts_a_while_is_found_with_its_beginning_and_length():
+    """Although it is switched from one sample to the next, and no derivative tells its times."""
+    true = {"force": [1.0, -0.6, 0.8], "begin": 6.543, "length": 2.345}
+    made = simulate(parse_setup(SETUP), {"held": true}, own=[HELD], duration=20, rate=100, seed=3)
+    diagnosis = diagnose(made.setup, [made.log], effects=[HELD])
+    (cause,) = diagnosis.causes
+    assert (diagnosis.verdict, cause.effect) == ("explained", "held")
+    for name, value in true.items():
+        np.testing.assert_allclose(cause.parameters[name], value, atol=0.05)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,115 @@
+"""``ftbias export``: the tool for controllers and ROS, what was found for simulators, layouts for viewers."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tomllib
+
+from ftbias_jax.errors import UsageError
+from ftbias_jax.io.atomic import write_atomic, write_json
+from ftbias_jax.io.outputs import check_outputs, check_writable
+from ftbias_jax.io.write.mcap import LAYOUTS
+from ftbias_jax.io.write.ours import EXPORT, SETUP
+from ftbias_jax.setup import Setup, load_setup
+from ftbias_jax.setup.export import export_text
+from ftbias_jax.setup.export.payload import ExportOptions
+from ftbias_jax.setup.save import WRITTEN_BY, write_text
+
+OF_SIMULATORS = ("mjcf", "sensor")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write or print what is asked for; returns 0."""
+    output = arguments.output
+    if arguments.format == "mjcf":
+        return _mend(arguments)
+    if output:
+        check_writable(output)
+        kind = SETUP if arguments.format == "sensor" else EXPORT
+        check_outputs({"--output": output}, [arguments.found], {"--output": kind}, arguments.force)
+    text = _exported(arguments)
+    if not output:
+        print(text, end="")
+        return 0
+    write_atomic(output, lambda file: file.write(text.encode()))
+    print(f"wrote {output}")
+    return 0
+
+
+def _exported(arguments: argparse.Namespace) -> str:
+    if arguments.format in LAYOUTS:
+        return LAYOUTS[arguments.format]()
+    setup = found_setup(arguments)
+    check_outputs({"--output": arguments.output}, setup.files)
+    mass = arguments.sensor_mass
+    if mass is not None and not (0 < mass[0] < 1000 and max(map(abs, mass[1:])) < 10):
+        remedy = "give kg, and metres in the flange frame"
+        raise UsageError(f"{' '.join(f'{x:g}' for x in mass)} is no mass", field="--sensor-mass", remedy=remedy)
+    if arguments.format == "sensor":
+        return _sensor_text(setup)
+    options = ExportOptions(
+        sensor_mass=None if mass is None else tuple(mass),
+        frames_as_stated=arguments.frames_as_stated,
+        sensor_frame=arguments.sensor_frame,
+        world_frame=arguments.world_frame,
+    )
+    return export_text(setup, arguments.format, options)
+
+
+def _sensor_text(setup: Setup) -> str:
+    from ftbias_jax.simulators.sensor_file import sensor_text
+
+    return f"{WRITTEN_BY}export, which may replace it\n{sensor_text(setup)}"
+
+
+def found_setup(arguments: argparse.Namespace) -> Setup:
+    """The setup that is named, or the one of a diagnosis with what that found."""
+    found = arguments.found
+    if not found:
+        raise UsageError("needs a setup with the tool", field="SETUP.toml", remedy="name it")
+    if not found.endswith(".json"):
+        return load_setup(found, with_tool=True)
+    if arguments.format not in OF_SIMULATORS:
+        remedy = "give a setup: ftbias diagnose --apply -o FIXED.toml"
+        raise UsageError(f"{found!r} is a diagnosis", field="SETUP.toml", remedy=remedy)
+    if not arguments.setup:
+        raise UsageError("a diagnosis needs its setup", field="--setup", remedy="name it: --setup SETUP.toml")
+    from ftbias_jax.diagnosis.apply import with_causes
+    from ftbias_jax.diagnosis.report.as_json import load_found
+
+    causes, terms, _ = load_found(found)
+    return with_causes(load_setup(arguments.setup, with_tool=True), causes, terms)
+
+
+def _mend(arguments: argparse.Namespace) -> int:
+    """A mended scene, the sensor model and what neither says."""
+    if not (arguments.like and arguments.output):
+        field = "--output" if arguments.like else "--like"
+        raise UsageError("a scene is mended in a copy of it", field=field, remedy="--like SCENE.xml -o MENDED.xml")
+    setup, output = found_setup(arguments), arguments.output
+    from ftbias_jax.simulators.mend_mjcf import mend_mjcf
+
+    site, base = (arguments.site, arguments.base) if arguments.site or arguments.base else named_in(setup)
+    made = mend_mjcf(setup, arguments.like, output, site, base)
+    folder = os.path.dirname(output)
+    beside = {name: os.path.join(folder, name) for name in ("sensor_model.toml", "not_expressed.json")}
+    outputs = {"--output": output, **{path: path for path in list(made.files)[1:]}, **beside}
+    kinds = {**dict.fromkeys(outputs, EXPORT), "sensor_model.toml": SETUP}
+    for option, path in outputs.items():
+        check_writable(path, option=option)
+    check_outputs(outputs, [arguments.found, arguments.setup, arguments.like, *setup.files], kinds, arguments.force)
+    for path, text in made.files.items():
+        write_text(path, text)
+    write_text(beside["sensor_model.toml"], _sensor_text(setup))
+    write_json(beside["not_expressed.json"], made.not_expressed)
+    for one in made.not_expressed:
+        print(f"not expressed: {one['effect']}: {one['why']}")
+    print(f"wrote {', '.join(outputs.values())}")
+    return 0
+
+
+def named_in(setup: Setup) -> tuple[str, str]:
+    """Site and base body that a setup names of its MJCF; "" = none."""
+    robot = tomllib.loads(setup.source).get("robot", {})
+    return (str(robot.get("site", "")), str(robot.get("base_link", ""))) if "mjcf" in robot else ("", "")

@@ -1,0 +1,207 @@
+"""What a plan is asked for, as numbers that a reading depends on: the tool's ten, or those of an effect.
+
+No effect is known here by name: an entry of the catalogue says which of its numbers can be fitted, and their size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.calibration.tool.physical import NAMES, UNITS, data_sheet, tool_units
+from ftbias_jax.diagnosis.regression.coordinates import can_move, scale_of, why_not_fitted
+from ftbias_jax.errors import UsageError
+from ftbias_jax.model.effects import compose
+from ftbias_jax.model.effects.catalogue import Catalogue, check_names, complete, typical_values, values_of
+from ftbias_jax.model.effects.fitting import INVERSE, LOGARITHM, ByJoint, Samples
+from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Values
+from ftbias_jax.model.wrench.tool_wrench import tool_parameters
+from ftbias_jax.types import AXES
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+    from ftbias_jax.types import Array
+
+TOOL = "tool"
+"""Asks for the tool's mass, centre of mass and inertia."""
+
+
+ROUNDING = 1e-12
+LOOSE = 0.3
+"""Share of the inertia that a tool of its mass can have by which the one in the setup may be off."""
+INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
+"""Six numbers in kg m^2; six of any other unit are of the channels."""
+
+
+class Asked(NamedTuple):
+    """Numbers that are asked for. P of them."""
+
+    name: str
+    """TOOL, or the name of an effect."""
+    labels: tuple[str, ...]
+    units: tuple[str, ...]
+    at: np.ndarray
+    """(P,) the values at which the reading's derivatives are taken."""
+    scale: np.ndarray
+    """(P,) typical departures."""
+    base: np.ndarray
+    """All numbers of the effect, also those that no fit moves; of the tool none."""
+
+
+def asked_for(name: str, model: Model, catalogue: Catalogue, stated: Mapping[str, EffectValues]) -> Asked:
+    """The numbers of the tool or of an effect.
+
+    Args:
+        name: TOOL, or an effect of the catalogue.
+        model: what the setup states.
+        catalogue: of the setup.
+        stated: values of effects that are known from the setup or from a diagnosis; others have typical values.
+
+    Raises:
+        UsageError: there is no such effect, or a mean reading does not depend on its numbers.
+    """
+    if name == TOOL:
+        at = np.asarray(data_sheet(model.theta))
+        scale = tool_units(at[0], at[[4, 7, 9]].max())
+        scale[1:4] /= at[0]
+        return Asked(TOOL, NAMES, UNITS, at, scale, np.zeros(0))
+    check_names([name], "for", catalogue)
+    effect = catalogue[name]
+    why = "it is read off single samples" if isinstance(effect.fit.search, Samples) else why_not_fitted(effect)
+    if not why and any(-1 in parameter.shape for parameter in effect.parameters):
+        why = "it happens when it happens"
+    if why:
+        raise UsageError(f"{name}: {why}", field="for", remedy="record a longer log: no motion shows it better")
+    given = {**_typical(effect, model), **stated.get(name, {})}
+    values = _for_all_joints(effect, complete(effect, given, model), model.arm.angular.shape[0])
+    base = np.concatenate([np.ravel(values[parameter.name]) for parameter in effect.parameters])
+    movable = _movable(effect, model.arm.angular.shape[0])
+    numbers = [row for p in effect.parameters for row in _rows(effect, p, np.asarray(values[p.name]))]
+    labels, units, sizes = zip(*(numbers[i] for i in movable), strict=True)
+    return Asked(name, labels, units, base[movable], np.array(sizes), base)
+
+
+def _typical(effect: Effect, model: Model) -> EffectValues:
+    """Typical values; of numbers that no fit moves the neutral ones."""
+    typical, neutral = typical_values(effect, model), complete(effect, {}, model)
+    return {p.name: jnp.where(can_move(p).any(), typical[p.name], neutral[p.name]) for p in effect.parameters}
+
+
+def _for_all_joints(effect: Effect, values: EffectValues, joints: int) -> EffectValues:
+    """Of an effect of one joint, the values of all: the others' are those of a joint without it."""
+    search = effect.fit.search
+    if not isinstance(search, ByJoint):
+        return values
+    number, offset = np.ravel(values[search.number]), np.ravel(values[search.offset])
+    offsets = np.zeros(joints)
+    offsets[np.asarray(number, int) - 1] = offset
+    return {search.number: np.arange(1.0, joints + 1), search.offset: offsets}
+
+
+def _movable(effect: Effect, joints: int) -> np.ndarray:
+    """Places, among all numbers of an effect, of those that a fit moves."""
+    search, able = effect.fit.search, []
+    for parameter in effect.parameters:
+        count = joints if isinstance(search, ByJoint) else int(np.prod(parameter.shape))
+        is_number = isinstance(search, ByJoint) and parameter.name == search.number
+        able.append(np.broadcast_to(can_move(parameter) & (not is_number), count))
+    return np.flatnonzero(np.concatenate(able))
+
+
+def _rows(effect: Effect, parameter: Parameter, values: np.ndarray) -> list[tuple[str, str, float]]:
+    """Of each number of a parameter its name, its unit, and how far it typically departs from these values."""
+    _, _, unit, *_ = scale = scale_of(effect, parameter)
+    at = np.ravel(values)
+    size = {LOGARITHM: np.abs(at), INVERSE: at**2 / np.where(unit > 0, unit, 1)}.get(scale.kind, unit)
+    axes: dict[tuple[int, ...], tuple[str, ...]] = {(): ("",), (3,): ("_x", "_y", "_z")}
+    axes[(6,)] = tuple(f"_{axis}" for axis in (INERTIA if parameter.unit == "kg m^2" else AXES))
+    by_number = tuple("_" + ",".join(str(i + 1) for i in index) for index in np.ndindex(np.shape(values)))
+    labels = axes.get(np.shape(values), by_number)
+    sizes = np.broadcast_to(size, at.shape).tolist()
+    return [(parameter.name + label, parameter.unit, one) for label, one in zip(labels, sizes, strict=True)]
+
+
+def reading(
+    signals: Signals, known: Values, base: Array, x: Float[Array, " P"], name: str, catalogue: Catalogue
+) -> Float[Array, "U 6"]:
+    """What the sensor should read with these values of the numbers that are asked for, (U, 6) N, Nm.
+
+    Args:
+        signals: the motion and the model.
+        known: effects that the setup states.
+        base: all numbers of the effect, as in ``Asked``.
+        x: (P,) those asked for.
+        name: TOOL, or the effect's.
+        catalogue: of the setup.
+    """
+    if name == TOOL:
+        model = signals.model._replace(theta=tool_parameters(x[0], x[1:4], x[4:]))
+        return compose.predict(signals._replace(model=model), known, catalogue)
+    values = _values(catalogue[name], base, x, signals.q.shape[1])
+    return compose.predict(signals, values_of({**known, name: values}, catalogue), catalogue)
+
+
+def _values(effect: Effect, base: Array, x: Array, joints: int) -> EffectValues:
+    """Parameters of an effect from all its numbers, and those (P,) that are asked for."""
+    numbers, values, first = jnp.asarray(base).at[_movable(effect, joints)].set(x), {}, 0
+    for parameter in effect.parameters:
+        shape = (joints,) if isinstance(effect.fit.search, ByJoint) else parameter.shape
+        count = int(np.prod(shape))
+        values[parameter.name] = numbers[first : first + count].reshape(shape)
+        first += count
+    return values
+
+
+def inertia_std(asked: Sequence[Asked], model: Model, catalogue: Catalogue) -> np.ndarray:
+    """(6,) kg m^2: how well the inertia in a setup can be trusted while two effects are told apart.
+
+    Nobody weighs an inertia. If it counted as known, an equal gain of all channels could be told from a heavier tool by
+    the inertia that does not grow with it. Where an effect is about nothing but the inertia, that is given: zeros.
+    """
+    still = jnp.zeros((1, model.arm.angular.shape[0]))
+    at_rest = Signals(jnp.zeros(1), still, still, still, jnp.zeros(1), model)
+    for one in asked:
+        values = {one.name: _values(catalogue[one.name], one.base, jnp.asarray(one.at), still.shape[1])}
+        changed = compose.transform(at_rest, values_of(values, catalogue), catalogue).model.theta - model.theta
+        mass_and_center, inertia = jnp.split(jnp.abs(changed) > ROUNDING * jnp.abs(model.theta).max(), [4])
+        if inertia.any() and not mass_and_center.any():
+            return np.zeros(6)
+    std: np.ndarray = LOOSE * tool_units(float(model.theta[0]))[4:]
+    return std
+
+
+def columns(signals: Signals, known: Values, numbers: Any, names: tuple[str, ...], catalogue: Catalogue) -> Array:
+    """(C, U, 6): of one name the derivatives of the reading; of two, for each, what tells it from the other.
+
+    The latter are, name by name, what the effect changes and then what the other one can do: what it changes, and its
+    derivatives; last what the tool's inertia (6,) can do, per standard deviation.
+
+    Args:
+        signals: the motion and the model.
+        known: effects that the setup states.
+        numbers: base and values (P,) of each name; of two names then ``inertia_std``.
+        names: one or two.
+        catalogue: of the setup.
+    """
+
+    def slopes(name: str, base: Array, at: Array) -> Array:
+        return jnp.moveaxis(jax.jacfwd(lambda x: reading(signals, known, base, x, name, catalogue))(at), -1, 0)
+
+    asked = [(name, *own) for name, own in zip(names, numbers, strict=False)]
+    if len(asked) == 1:
+        return slopes(*asked[0])
+    nominal = compose.predict(signals, {other: known[other] for other in known if other not in names}, catalogue)
+    parts: list[Array] = []
+    for name, base, at in asked:
+        parts += [(reading(signals, known, base, at, name, catalogue) - nominal)[None], slopes(name, base, at)]
+    sheet = data_sheet(signals.model.theta)
+
+    def with_inertia(share: Array) -> Array:
+        return reading(signals, known, sheet[:0], sheet.at[4:].add(share * numbers[2]), TOOL, catalogue)
+
+    return jnp.concatenate([*parts, jnp.moveaxis(jax.jacfwd(with_inertia)(jnp.zeros_like(sheet[4:])), -1, 0)])

@@ -1,0 +1,111 @@
+"""The limits once more, on the motion as it will run: at 1 kHz, and exactly."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.model.effects import compose
+from ftbias_jax.model.effects.catalogue import Catalogue
+from ftbias_jax.model.effects.types import Model, Signals, Values
+from ftbias_jax.model.kinematics.arm_batch import arm_motion
+from ftbias_jax.planning.climb import Task
+from ftbias_jax.planning.limits import Limits, excess, joint_shares
+from ftbias_jax.planning.shape import Motion, motion_at
+from ftbias_jax.runtime.kept_programs import keep_program
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+    from ftbias_jax.types import Array
+
+CHECK_RATE = 1000.0
+"""Hz."""
+PIECE = 2048
+"""Samples worked out together, so that plans of any length share a program."""
+ROUNDING = 1e-9
+HALVINGS = 12
+"""Of the factor by which a motion that leaves its box is made smaller: to a 4000th."""
+
+
+@keep_program("catalogue")
+def _excess(
+    limits: Limits, model: Model, known: Values, q: Array, dq: Array, ddq: Array, *, catalogue: Catalogue
+) -> Float[Array, " 4"]:
+    """(4,) the largest ``limits.excess`` over a piece, whose first sample is the first pose."""
+    moving = arm_motion(model.arm, q.T, dq.T, ddq.T)
+    zero = jnp.zeros_like(q[:, 0])
+    load = compose.predict(Signals(zero, q, dq, ddq, zero, model, motion=moving), known, catalogue)
+    return excess(limits, moving, load).max(1)
+
+
+def largest_excess(task: Task, motion: Motion, catalogue: Catalogue) -> Float[np.ndarray, " 4"]:
+    """(4,) by how much ``limits.SPACE`` are exceeded at the most; 0 or less = nowhere, -inf = no limit."""
+    limits = task.limits
+    stated = (limits.box, limits.floor, limits.keep_cosine, limits.wrench)
+    if not any(np.isfinite(x).any() for x in stated):
+        return np.full(4, -np.inf)
+    found = [np.full(4, -np.inf)]
+    rest = np.zeros_like(motion.q[:1])
+    for first in range(0, len(motion.t), PIECE - 1):
+        rows = np.minimum(np.arange(first, first + PIECE - 1), len(motion.t) - 1)
+        ahead = zip((task.start[None], rest, rest), (motion.q, motion.dq, motion.ddq), strict=True)
+        piece = [np.concatenate([at_first, x[rows]]) for at_first, x in ahead]
+        found.append(np.asarray(_excess(limits, task.model, task.known, *piece, catalogue=catalogue)))
+    largest: np.ndarray = np.max(found, 0)
+    return largest
+
+
+def excess_at_rest(task: Task, catalogue: Catalogue) -> Float[np.ndarray, " 4"]:
+    """(4,) the same of standing still in the first pose."""
+    start = task.start[None]
+    return largest_excess(task, Motion(np.zeros(1), start, *[np.zeros_like(start)] * 3), catalogue)
+
+
+def within_limits(
+    task: Task, coefficients: Float[np.ndarray, "n M"], duration: float, catalogue: Catalogue
+) -> Float[np.ndarray, "n M"]:
+    """Coefficients of the same motion, joint by joint as large as its limits let it be, and as the space lets it.
+
+    Args:
+        task: with the limits.
+        coefficients: (n, M) of the motion.
+        duration: s.
+        catalogue: of the setup.
+    """
+    at = partial(motion_at, times(duration), duration, task.start)
+    scale = (1 - ROUNDING) / np.maximum(shares(task.limits, task.start, at(coefficients)).max(0), ROUNDING)
+
+    def inside(wanted: np.ndarray) -> bool:
+        return bool((largest_excess(task, at(wanted), catalogue) <= 0).all())
+
+    largest: np.ndarray = coefficients * scale[:, None]
+    fits, fails = (1.0, 1.0) if inside(largest) else (0.0, 1.0)
+    for _ in range(HALVINGS if fits < fails else 0):
+        middle = (fits + fails) / 2
+        fits, fails = (middle, fails) if inside(middle * largest) else (fits, middle)
+    largest *= fits
+    return largest
+
+
+def times(duration: float) -> Float[np.ndarray, " T"]:
+    """(T,) s at CHECK_RATE, both ends included."""
+    stamps: np.ndarray = np.linspace(0.0, duration, int(np.ceil(duration * CHECK_RATE)) + 1)
+    return stamps
+
+
+def shares(limits: Limits, start: np.ndarray, motion: Motion) -> Float[np.ndarray, "4 n"]:
+    """(4, n) the largest share of its room about the first pose, and of its rates, that each joint uses."""
+    moved = np.stack([motion.q - start, motion.dq, motion.ddq, motion.jerk])
+    largest: np.ndarray = np.array(joint_shares(limits, start, moved)).max(1)
+    return largest
+
+
+def used_shares(limits: Limits, start: np.ndarray, motion: Motion) -> Float[np.ndarray, "4 n"]:
+    """(4, n) the same with the share of its whole travel, rad from the middle; 1 = at the end of it."""
+    found, middle = shares(limits, start, motion), (limits.upper + limits.lower) / 2
+    found[0] = (np.abs(motion.q - middle) / (limits.upper - middle)).max(0)
+    return found

@@ -1,0 +1,202 @@
+"""The best motion: gradient steps on what a plan is asked for, within the limits, from several random starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from ftbias_jax.model.effects import compose
+from ftbias_jax.model.effects.catalogue import Catalogue
+from ftbias_jax.model.effects.types import Model, Signals, Values
+from ftbias_jax.model.kinematics.arm_batch import ArmMotion, arm_motion
+from ftbias_jax.model.kinematics.screws import Arm
+from ftbias_jax.model.motion_noise import MotionNoise
+from ftbias_jax.model.wrench.tool_wrench import covariance_of_joints, joint_sensitivity
+from ftbias_jax.planning.asked import columns
+from ftbias_jax.planning.information import Nuisance, information, mean_log_error, unexplained
+from ftbias_jax.planning.limits import Limits, excess
+from ftbias_jax.planning.shape import Grid, random_shapes, within
+from ftbias_jax.runtime.kept_programs import keep_program
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+    from ftbias_jax.types import Array
+
+STARTS, FEW_STEPS = 6, 1
+"""Random motions to begin at, and calls of STEPS steps after which only the best go on."""
+FINALISTS, CALLS = 2, 10
+"""How many of them go on, and for how many calls."""
+STEPS = 20
+FASTEST, SLOWEST = 0.05, 0.003
+"""Length of a step, rad, at first and at last."""
+PENALTY = 30.0
+"""Of the mean squared excess over limits of space and load; what is left over is then scaled away."""
+PRIOR = 30.0
+"""Typical departures: a parameter that no motion shows counts as known this badly."""
+
+
+class Noise(NamedTuple):
+    """What the filter believes of the noise, and of the joints."""
+
+    wrench_variance: Float[Array, " 6"]
+    """(6,) N^2, Nm^2 of one sample."""
+    joint_covariance: Float[Array, "n 3 3"]
+    """(n, 3, 3) of smoothed position, velocity and acceleration."""
+    in_motion: MotionNoise | None
+    """What the joints' speeds add to one sample; None = nothing."""
+    samples: Float[Array, ""]
+    """() in each bin of the grid."""
+    bias: Nuisance
+
+
+class Task(NamedTuple):
+    """All that the worth of a motion depends on; a pytree."""
+
+    points: Grid
+    limits: Limits
+    start: Float[Array, " n"]
+    """(n,) rad."""
+    model: Model
+    known: Values
+    """Effects that the setup states."""
+    numbers: tuple[Any, ...]
+    """Of each name that is asked for, all its numbers, and the values (P,) of those asked for; of two names also
+    ``asked.inertia_std``."""
+    scale: Float[Array, " P"]
+    """(P,) typical departures of the first name's."""
+    noise: Noise
+
+
+def signals_of(task: Task, moved: Float[Array, "4 U n"]) -> Signals:
+    """What the reading depends on, of a motion (4, U, n) from the start."""
+    q, dq, ddq = task.start[None] + moved[0], moved[1], moved[2]
+    moving = arm_motion(task.model.arm, q.T, dq.T, ddq.T)
+    return Signals(task.points.t, q, dq, ddq, jnp.zeros_like(task.points.t), task.model, motion=moving)
+
+
+def variance(task: Task, moving: ArmMotion, speed: Float[Array, "U n"]) -> Float[Array, "U 6"]:
+    """(U, 6) N^2, Nm^2: noise of the bins' means, with what the joints' uncertainty and speed add to each sample."""
+    rotation, jacobian = jnp.moveaxis(moving.sensor_rotation, 2, 0), jacobians(task.model.arm, moving)
+    _, gravity, theta = task.model
+
+    def of_joints(R: Array, J: Array) -> Array:
+        return jnp.diagonal(covariance_of_joints(joint_sensitivity(theta, R, J, gravity), task.noise.joint_covariance))
+
+    of_sample = task.noise.wrench_variance[None] + jax.vmap(of_joints)(rotation, jacobian)
+    if task.noise.in_motion is not None:
+        of_sample += task.noise.in_motion.variance(speed)
+    return of_sample / task.noise.samples
+
+
+def jacobians(arm: Arm, moving: ArmMotion) -> Float[Array, "U 6 n"]:
+    """(U, 6, n) sensor Jacobians, base frame, of a motion that was worked out before."""
+    turned = moving.link_rotation[:, :, :-1]
+    angular = jnp.einsum("ijnu,nj->uin", turned, arm.angular)
+    linear = jnp.einsum("ijnu,nj->uin", turned, arm.linear)
+    lever = moving.link_position[:, :-1] - moving.sensor_position[:, None]
+    return jnp.concatenate([linear + jnp.cross(jnp.moveaxis(lever, 2, 0), angular, axis=1), angular], 1)
+
+
+def products(
+    task: Task, moved: Float[Array, "4 U n"], names: tuple[str, ...], catalogue: Catalogue
+) -> tuple[Array, Array]:
+    """The information (C, C) of the columns that are asked for, and the excess (4, U) over limits of space and load."""
+    signals = signals_of(task, moved)
+    assert signals.motion is not None
+    load = compose.predict(signals, task.known, catalogue)
+    asked = columns(signals, task.known, task.numbers, names, catalogue)
+    told = information(asked, variance(task, signals.motion, signals.dq), task.noise.bias)
+    return told, excess(task.limits, signals.motion, load)
+
+
+def worth(told: Float[Array, "C C"], scale: Float[Array, " P"], names: tuple[str, ...]) -> Float[Array, ""]:
+    """What is made small: the mean logarithm of the standard errors, or less the logarithm of what separates two."""
+    if len(names) == 1:
+        return mean_log_error(told, scale, PRIOR)
+    return -jnp.log(jnp.minimum(*separations(told, len(scale))) + 1e-9)
+
+
+def separations(told: Float[Array, "C C"], first: int) -> tuple[Array, Array]:
+    """nats by which either of two is seen although the other is free, of the products of ``asked.columns``.
+
+    Args:
+        told: (C, C) of what the first changes, its ``first`` derivatives, what the second changes, its derivatives, and
+            what the six numbers of the inertia can do.
+        first: how many derivatives the first has.
+    """
+    own, other, inertia = np.split(np.arange(len(told)), [first + 1, len(told) - 6])
+    one, two = (np.concatenate([a[:1], b, inertia]) for a, b in ((own, other), (other, own)))
+    return unexplained(told[np.ix_(one, one)], 6), unexplained(told[np.ix_(two, two)], 6)
+
+
+@keep_program("names", "catalogue")
+def climb(state: Any, task: Task, rates: Float[Array, " S"], *, names: tuple[str, ...], catalogue: Catalogue) -> Any:
+    """Some steps of Adam with these lengths (S,).
+
+    Returns:
+        the state after them; before the last one the worth with its penalties, and the products (C, C).
+    """
+
+    def loss(free: Array) -> tuple[Array, Array]:
+        _, moved = within(task.points, task.limits, task.start, free)
+        told, over = products(task, moved, names, catalogue)
+        return worth(told, task.scale, names) + PENALTY * (jnp.maximum(over, 0) ** 2).mean(), told
+
+    def step(state: Any, rate: Array) -> tuple[Any, Array]:
+        free, adam = state
+        found, slope = jax.value_and_grad(loss, has_aux=True)(free)
+        slope = jnp.where(jnp.isfinite(slope).all(), slope, 0.0)  # where a motion is no motion at all, say
+        change, adam = optax.scale_by_adam().update(slope, adam)
+        return (free - rate * change, adam), found
+
+    state, found = jax.lax.scan(step, state, rates)
+    return state, *(x[-1] for x in found)
+
+
+def told_by(task: Task, coefficients: np.ndarray, names: tuple[str, ...], catalogue: Catalogue) -> np.ndarray:
+    """(C, C) ``products`` of the motion with these coefficients (n, M), as it is; by the program of ``climb``."""
+    far = np.full(len(task.start), 1e6)  # finite, because no share of a limit may have an infinite derivative
+    free = task.limits._replace(lower=-far, upper=far, velocity=far, acceleration=far, jerk=far)
+    state = (coefficients, optax.scale_by_adam().init(jnp.asarray(coefficients)))
+    told = climb(state, task._replace(limits=free), np.zeros(STEPS), names=names, catalogue=catalogue)[2]
+    return np.asarray(told)
+
+
+def best_shape(
+    task: Task, names: tuple[str, ...], catalogue: Catalogue, seed: int, progress: Callable[[float], None]
+) -> np.ndarray:
+    """Numbers (n, M) of the best motion found, for ``shape.within``.
+
+    Args:
+        task: what is asked, where, with which noise.
+        names: of what is asked.
+        catalogue: of the setup.
+        seed: of the starts.
+        progress: called with the share that is done.
+    """
+    count, size = task.points.basis.shape[2], len(task.start)
+    starts = random_shapes(seed, STARTS, size, (count - 1) // 2)
+    total, done = STARTS * FEW_STEPS + FINALISTS * CALLS, 0
+    states = [(free, optax.scale_by_adam().init(jnp.asarray(free))) for free in starts]
+    values = [np.inf] * STARTS
+
+    def advance(i: int, calls: int, rates: np.ndarray) -> None:
+        nonlocal done
+        for few in rates.reshape(calls, STEPS):
+            states[i], value, _ = climb(states[i], task, few, names=names, catalogue=catalogue)
+            values[i], done = float(np.nan_to_num(value, nan=np.inf)), done + 1
+            progress(done / total)
+
+    for i in range(STARTS):
+        advance(i, FEW_STEPS, np.full(FEW_STEPS * STEPS, FASTEST))
+    finalists = np.argsort(values)[:FINALISTS]
+    for i in finalists:
+        advance(i, CALLS, np.geomspace(FASTEST, SLOWEST, CALLS * STEPS))
+    best = min(finalists, key=lambda i: values[i])
+    return np.asarray(states[best][0])

@@ -1,0 +1,71 @@
+"""What a diagnosis found, as a plan needs it: the sizes of effects, and which two it could not distinguish."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+from ftbias_jax.errors import UsageError
+from ftbias_jax.model.effects.catalogue import Catalogue, check_values
+from ftbias_jax.model.effects.types import Values
+
+MOST_BYTES = 64 << 20
+"""Of the file."""
+REMEDY = "give what ftbias diagnose --json wrote"
+
+
+class Diagnosed(NamedTuple):
+    """Effects that a diagnosis names."""
+
+    values: Values
+    twins: str
+    """The first cause and the first effect that it could not be distinguished from, as A:B; "" = there is none."""
+
+
+def read_diagnosis(path: str | os.PathLike[str], catalogue: Catalogue) -> Diagnosed:
+    """The causes and candidates of a diagnosis; of those whose values are no such values, nothing.
+
+    Args:
+        path: JSON that ``Diagnosis.to_json`` wrote.
+        catalogue: with the effects that it names.
+
+    Raises:
+        UsageError: the file cannot be read, or is no diagnosis.
+    """
+    file = os.fspath(path)
+    try:
+        if os.path.getsize(file) > MOST_BYTES:
+            raise UsageError(f"is larger than {MOST_BYTES >> 20} MB", file=file, remedy=REMEDY)
+        with open(file, encoding="utf-8") as stream:
+            content: Any = json.load(stream)
+    except OSError as error:
+        raise UsageError(f"cannot be read: {error.strerror}", file=file, remedy=REMEDY) from error
+    except (ValueError, RecursionError) as error:
+        raise UsageError("is no JSON", file=file, remedy=REMEDY) from error
+    causes = content.get("causes") if isinstance(content, Mapping) else None
+    if not isinstance(causes, list):
+        raise UsageError("has no list of causes", file=file, remedy=REMEDY)
+    entries = [x for x in (*causes, *_list(content.get("candidates"))) if isinstance(x, Mapping)]
+    named = [x for x in entries if isinstance(x.get("effect"), str) and x["effect"] in catalogue]
+    values: Values = {}
+    for one in reversed(named):  # the first of a name is the best
+        effect, stated = one["effect"], one.get("parameters")
+        known = {parameter.name for parameter in catalogue[effect].parameters}
+        if isinstance(stated, Mapping):
+            mine = {effect: {key: value for key, value in stated.items() if key in known}}
+            try:
+                values |= check_values(mine, partial(UsageError, file=file), catalogue=catalogue)
+            except UsageError:
+                continue  # a share of the whole, or a value out of bounds: then it is planned for at a typical one
+    for one in named[: len(causes)]:
+        others = [x for x in _list(one.get("indistinguishable_from")) if isinstance(x, str) and x in catalogue]
+        if others:
+            return Diagnosed(values, f"{one['effect']}:{others[0]}")
+    return Diagnosed(values, "")
+
+
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []

@@ -1,0 +1,81 @@
+"""The noise that the filter would believe of a log of the planned motion."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.filtering.params_for_log import likeliest_params
+from ftbias_jax.filtering.pipeline import options_from_setup
+from ftbias_jax.filtering.process_models import JOINT_MODELS
+from ftbias_jax.model.params import JointNoise
+from ftbias_jax.planning.climb import Noise
+from ftbias_jax.planning.information import bias_shapes
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array, Sample
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+SETTLES = 500
+"""Samples in which the joint filter's uncertainty has settled."""
+LOOKED_AT = 4096
+"""Samples of the motion that the joints' process noise is fitted to."""
+
+
+def noise_of(
+    setup: Setup, q: Float[np.ndarray, "T n"], dq: Float[np.ndarray, "T n"], rate: float, grid_t: Array
+) -> Noise:
+    """Noise of the readings while the joints move like this.
+
+    Args:
+        setup: what its owner believes.
+        q: (T, n) rad at so many samples a second, without noise.
+        dq: (T, n) rad/s.
+        rate: samples a second of the log, Hz.
+        grid_t: (U,) s, the bins of the plan, evenly spaced.
+    """
+    options, rng, joints = options_from_setup(setup), np.random.default_rng(0), setup.joints
+    q, dq = (
+        x[:LOOKED_AT] + std * rng.normal(size=x[:LOOKED_AT].shape)
+        for x, std in ((q, joints.position_noise_std), (dq, joints.velocity_noise_std))
+    )
+    dt, nothing = (jnp.full(shape, value) for shape, value in (((len(q),), 1 / rate), ((len(q), 6), 0.0)))
+    params = likeliest_params(setup, Sample(dt, jnp.asarray(q), jnp.asarray(dq), nothing), options)
+    bias = params.bias
+    return Noise(
+        bias.wrench_variance,
+        jnp.asarray(smoothed_covariance(params.joint, options.joint_model, 1 / rate)),
+        bias.in_motion,
+        jnp.maximum(1.0, rate * (grid_t[1] - grid_t[0])),
+        bias_shapes(grid_t, np.asarray(bias.density), np.asarray(bias.prior_std)),
+    )
+
+
+def smoothed_covariance(noise: JointNoise, model: str, dt: float) -> Float[np.ndarray, "n 3 3"]:
+    """(n, 3, 3) of smoothed positions, velocities and accelerations, far from both ends of an evenly sampled log.
+
+    Args:
+        noise: of the joints.
+        model: key of ``process_models.JOINT_MODELS``.
+        dt: s.
+    """
+    densities = np.asarray(noise.process_density, float)
+    A, Q = (
+        np.moveaxis(np.array([[np.broadcast_to(x, densities.shape) for x in row] for row in rows], float), 2, 0)
+        for rows in JOINT_MODELS[model](jnp.asarray(dt), jnp.asarray(densities))
+    )
+    H = np.eye(3)[:2]
+    R = np.stack([np.diag(x) for x in np.stack([noise.position_std, noise.velocity_std], 1) ** 2])
+    P, At = np.diag(np.asarray(noise.prior_std, float) ** 2) + np.zeros_like(A), A.transpose(0, 2, 1)
+    for _ in range(SETTLES):
+        predicted = A @ P @ At + Q
+        gain = predicted @ H.T @ np.linalg.inv(H @ predicted @ H.T + R)
+        P = predicted - gain @ H @ predicted
+    back = P @ At @ np.linalg.inv(predicted)
+    smoothed: np.ndarray = P
+    for _ in range(SETTLES):
+        smoothed = P + back @ (smoothed - predicted) @ back.transpose(0, 2, 1)
+    return smoothed

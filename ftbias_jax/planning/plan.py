@@ -1,0 +1,192 @@
+"""The verb ``plan``: a motion that tells most about what is asked, within limits, and what it will tell."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.diagnosis.problem import make_problem
+from ftbias_jax.errors import UsageError
+from ftbias_jax.filtering.samples import first_position
+from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.types import Effect, EffectValues, Model
+from ftbias_jax.model.own_effects import catalogue_of_setup
+from ftbias_jax.model.params import Params, params_from_setup
+from ftbias_jax.model.trajectories import working_range
+from ftbias_jax.planning.asked import TOOL, asked_for, inertia_std
+from ftbias_jax.planning.checked import excess_at_rest, times, used_shares, within_limits
+from ftbias_jax.planning.climb import Task, best_shape, told_by
+from ftbias_jax.planning.forecast import forecast, information_of_logs
+from ftbias_jax.planning.limits import Limits, check_start, limits_of
+from ftbias_jax.planning.noise import noise_of
+from ftbias_jax.planning.result import Options, Plan
+from ftbias_jax.planning.shape import grid, harmonics_for, motion_at, random_shapes, within
+from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.runtime.progress import silent
+from ftbias_jax.setup.types import Setup
+
+SHORTEST, LONGEST = 4.0, 300.0
+"""s of a plan."""
+RATES = (20.0, 10_000.0)
+"""Hz, of the samples."""
+STILL = 1e-6
+"""Share of a motion that is no motion."""
+BINS_A_PERIOD, LEAST_RATE = 10, 25.0
+"""Bins of the plan's grid in a period of its fastest harmonic, and their least rate, Hz."""
+
+
+@in_float64
+def plan(
+    setup: Setup,
+    to_find: str = TOOL,
+    *,
+    duration: float = 20.0,
+    rate: float = 500.0,
+    start: Sequence[float] | None = None,
+    logs: Sequence[Log] = (),
+    values: Mapping[str, EffectValues] | None = None,
+    margin: float = 0.1,
+    seed: int = 0,
+    own: Sequence[Effect] = (),
+    progress: Callable[[str], None] = silent,
+) -> Plan:
+    """Plan the motion that tells most about the tool, an effect, or which of two effects a gap has.
+
+    It starts and ends at rest in one pose, keeps to the limits of [limits] and of the robot, and is judged with bias
+    and drift as nuisance and with the noise that the filter believes. Self-collision and whatever stands in the cell
+    are not known to it. Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's cache
+    folder (``FTBIAS_CACHE=off`` does not).
+
+    Args:
+        setup: robot, sensor, tool, noise and limits.
+        to_find: "tool" for its mass, centre of mass and inertia; the name of an effect for its parameters; two names
+            with a colon between them for what tells one from the other.
+        duration: s, of the motion.
+        rate: samples a second of the log that will be recorded, and of the motion's table.
+        start: (n,) rad, the first and last pose; None = that of the first log, or else one in the middle of the
+            robot's working range.
+        logs: recorded already; what they tell is added to the forecast.
+        values: effect -> parameter -> value, of effects that a diagnosis has found; others are planned for at the
+            setup's or at typical values.
+        margin: share of every limit that is left unused.
+        seed: of the random motions that the search begins at.
+        own: effects of your own beside those of the catalogue.
+        progress: called with the name of each stage as it begins.
+
+    Raises:
+        UsageError: an argument is impossible, the first pose is outside of the limits, or no motion tells what is
+            asked. SetupError: the setup has no tool, or an effect of it is impossible.
+    """
+    began = time.monotonic()
+    setup, names = setup.with_effects(own), tuple(to_find.split(":"))
+    check_arguments(setup, names, duration, rate, margin)
+    progress("preparing")
+    params, catalogue = params_from_setup(setup), catalogue_of_setup(setup)
+    stated = {**(params.effects or {}), **(values or {})}
+    model = Model(params.arm, params.gravity, params.theta)
+    asked = tuple(asked_for(name, model, catalogue, stated) for name in names)
+    first = first_pose(setup, logs, start)
+    limits, assumed = limits_of(setup, first, margin)
+    numbers: tuple[Any, ...] = tuple((one.base, one.at) for one in asked)
+    if len(asked) == 2:
+        numbers = (*numbers, inertia_std(asked, model, catalogue))
+    task = make_task(setup, params, limits, first, numbers, asked[0].scale, duration, rate)
+    check_start(limits, first, setup.robot.joint_names, excess_at_rest(task, catalogue))
+    free = best_shape(task, names, catalogue, seed, lambda share: progress(f"searching, {share // 0.25 / 4:.0%} done"))
+    progress("checking the limits")
+    found, _ = within(task.points, limits, first, jnp.asarray(free))
+    coefficients = within_limits(task, np.asarray(found), duration, catalogue)
+    progress("forecasting")
+    motion = motion_at(np.arange(round(duration * rate) + 1) / rate, duration, first, coefficients)
+    task = task._replace(noise=noise_of(setup, motion.q, motion.dq, rate, task.points.t))
+    of_plan = told_by(task, coefficients, names, catalogue)
+    of_logs = information_of_logs(make_problem(setup, logs)[0], names, numbers) if logs else None
+    of_rest = told_by(task, STILL * coefficients, names, catalogue)
+    entries = [catalogue[name] for name in names if name in catalogue]
+    expected = forecast(asked, of_plan, of_rest, of_logs, entries)
+    checked = motion_at(times(duration), duration, first, coefficients)
+    used = used_shares(limits_of(setup, first, 0.0)[0], first, checked)
+    told = Options(to_find, duration, rate, margin, seed)
+    return Plan(setup, told, asked, motion, expected, used, assumed, tuple(logs), time.monotonic() - began)
+
+
+def check_arguments(setup: Setup, names: tuple[str, ...], duration: float, rate: float, margin: float) -> None:
+    """Refuse what no plan can be made for.
+
+    Raises:
+        UsageError: a number is out of range, more than two names, a recorded pose in place of joints, or a controller
+            that takes the tool out of the reading.
+    """
+    if setup.pose is not None:
+        raise UsageError("has a recorded pose instead of joints", field="setup", remedy="give a setup with [robot]")
+    if len(names) > 2 or len(set(names)) < len(names) or (len(names) == 2 and TOOL in names):
+        remedy = "give 'tool', an effect, or two different effects as A:B"
+        raise UsageError(f"got {':'.join(names)!r}", field="for", remedy=remedy)
+    if names == (TOOL,) and setup.sensor.compensated != "none":
+        message = "the controller has subtracted the tool from the reading (sensor.compensated)"
+        raise UsageError(message, field="for", remedy="record the raw reading")
+    for name, value, least, most in (
+        ("duration", duration, SHORTEST, LONGEST),
+        ("rate", rate, *RATES),
+        ("margin", margin, 0.0, 0.9),
+    ):
+        if not least <= value <= most:
+            raise UsageError(f"must be from {least:g} to {most:g}, not {value:g}", field=name)
+
+
+def first_pose(setup: Setup, logs: Sequence[Log], start: Sequence[float] | None) -> np.ndarray:
+    """(n,) rad: the pose that is given, or the first one that is recorded, or one amid the robot's range.
+
+    Raises:
+        UsageError: it has another number of joints, or is no number.
+    """
+    if start is None:
+        return np.asarray(first_position(logs[0].q) if logs else working_range(setup)[0], float)
+    pose, n = np.asarray(start, float), len(setup.robot.joint_names)
+    if pose.shape != (n,) or not np.isfinite(pose).all():
+        raise UsageError(f"has {pose.size} numbers for {n} joints", field="start", remedy="give rad for every joint")
+    return pose
+
+
+def make_task(
+    setup: Setup,
+    params: Params,
+    limits: Limits,
+    start: np.ndarray,
+    numbers: tuple[Any, ...],
+    scale: np.ndarray,
+    duration: float,
+    rate: float,
+) -> Task:
+    """What a motion's worth depends on, on bins that see its fastest harmonic, with the noise of a random motion.
+
+    Args:
+        setup: what its owner believes.
+        params: the same as arrays.
+        limits: of the plan.
+        start: (n,) rad, the first pose.
+        numbers: of what the motion shall tell, as in ``Task``.
+        scale: typical departures of the first name's.
+        duration: s.
+        rate: Hz, of the log.
+    """
+    harmonics = harmonics_for(limits, duration)
+    bins = round(duration * max(LEAST_RATE, BINS_A_PERIOD * harmonics / duration))
+    points = grid((np.arange(bins) + 0.5) * duration / bins, duration, harmonics)
+    (free,) = random_shapes(0, 1, len(start), harmonics)
+    typical = np.asarray(within(points, limits, start, jnp.asarray(free))[0])
+    moving = motion_at(np.arange(round(duration * rate)) / rate, duration, start, typical)
+    return Task(
+        points=points,
+        limits=limits,
+        start=start,
+        model=Model(params.arm, params.gravity, params.theta),
+        known=params.effects or {},
+        numbers=numbers,
+        scale=scale,
+        noise=noise_of(setup, moving.q, moving.dq, rate, points.t),
+    )

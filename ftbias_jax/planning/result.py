@@ -1,0 +1,116 @@
+"""What a plan gives back: the motion, what it will tell, and how much of the limits it uses."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ftbias_jax.io.atomic import write_json
+from ftbias_jax.io.log import Log
+from ftbias_jax.io.write import writer
+from ftbias_jax.io.write.provenance import Provenance, provenance, source_of
+from ftbias_jax.io.write.selection import About
+from ftbias_jax.planning.asked import Asked
+from ftbias_jax.planning.forecast import Forecast
+from ftbias_jax.planning.limits import NOT_KNOWN, QUANTITIES
+from ftbias_jax.planning.shape import Motion
+from ftbias_jax.setup.types import Setup
+
+
+class Options(NamedTuple):
+    """What was asked."""
+
+    to_find: str
+    duration: float
+    """s."""
+    rate: float
+    """Hz."""
+    margin: float
+    """Share of every limit left unused."""
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A motion that starts and ends at rest in the same pose, and what a log of it will tell."""
+
+    setup: Setup
+    options: Options
+    asked: tuple[Asked, ...]
+    motion: Motion
+    """At the rate that was asked for."""
+    forecast: Forecast
+    used: np.ndarray
+    """(4, n) largest share of its position, velocity, acceleration and jerk that each joint uses, at 1 kHz."""
+    assumed: tuple[str, ...]
+    """Limits that nobody states."""
+    logs: tuple[Log, ...] = ()
+    """At hand already."""
+    seconds: float = 0.0
+    """That it took."""
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the motion as a table with t, q0.., dq0.., ddq0.. in s, rad, rad/s, rad/s^2.
+
+        Args:
+            path: .csv, .npz or .parquet.
+
+        Raises:
+            OutputError: it cannot be written there. UsageError: another suffix.
+        """
+        arrays = {name: getattr(self.motion, name) for name in ("t", "q", "dq", "ddq")}
+        writer(path)(path, arrays, About(origin=self.provenance))  # with all digits: jerk is their third difference
+
+    def to_json(self, path: str | os.PathLike[str]) -> None:
+        """Write what the motion will tell, and the limits it uses, as JSON."""
+        write_json(path, self.plain() | {"provenance": self.provenance})
+
+    @property
+    def provenance(self) -> Provenance:
+        """What it was made from, as files say it."""
+        return provenance(self.setup, [source_of(log) for log in self.logs], self.options._asdict())
+
+    def plain(self) -> dict[str, Any]:
+        """Expected standard errors, what is separated, what cannot be, and shares of limits, as plain numbers."""
+        told = self.forecast
+
+        def named(stds: np.ndarray | None) -> dict[str, float | None] | None:
+            if stds is None:
+                return None
+            return {label: float(x) if np.isfinite(x) else None for label, x in zip(told.labels, stds, strict=True)}
+
+        return {
+            "duration": self.options.duration,
+            "expected_std": named(told.plan),
+            "from_log_std": named(told.logs),
+            "together_std": named(told.together),
+            "separates": told.separates,
+            "cannot": [one._asdict() for one in told.cannot],
+            "limits": {
+                "largest_share": dict(zip(QUANTITIES, self.used.max(1).tolist(), strict=True)),
+                "margin": self.options.margin,
+                "assumed": list(self.assumed),
+                "not_known": NOT_KNOWN,
+            },
+            "start": self.motion.q[0].tolist(),
+            "seconds": float(f"{self.seconds:.3g}"),
+        }
+
+    def __str__(self) -> str:
+        told, head = self.forecast, ["standard error", "this motion"]
+        stds = [told.plan]
+        if told.logs is not None and told.together is not None:
+            head, stds = [*head, "log at hand", "both"], [*stds, told.logs, told.together]
+        lines = ["".join(f"{word:>16s}" for word in head)]
+        for i, (label, unit) in enumerate(zip(told.labels, told.units, strict=True)):
+            numbers = (f"{x[i]:.2g}" if np.isfinite(x[i]) else "not determined" for x in stds)
+            lines.append(f"{label:>16s}" + "".join(f"{number:>16s}" for number in numbers) + f"  {unit}")
+        lines += [f"separates {name} by {nats:.1f} nats (five sigma: 12.5)" for name, nats in told.separates.items()]
+        lines += [f"does not determine {one.pair}: {one.why}" for one in told.cannot]
+        used = ", ".join(f"{name} {share:.0%}" for name, share in zip(QUANTITIES, self.used.max(1), strict=True))
+        lines.append(f"at most, of the limits: {used}")
+        lines += [f"assumed: {words}" for words in self.assumed]
+        return "\n".join([*lines, NOT_KNOWN])

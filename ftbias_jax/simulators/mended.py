@@ -1,0 +1,100 @@
+"""What a setup with effects, as a diagnosis leaves it, says of the tool, the mounting, gravity and the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ftbias_jax.model.effects.catalogue import complete, values_from_setup
+from ftbias_jax.model.effects.compose import transform
+from ftbias_jax.model.effects.types import Model, Signals
+from ftbias_jax.model.own_effects import catalogue_of_setup
+from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.model.wrench.inertia import about_center_of_mass
+from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.setup.bodies import RigidBody
+from ftbias_jax.setup.rotations import rotation_from_vector
+from ftbias_jax.setup.types import Setup, inertia_matrix
+from ftbias_jax.simulators.sensor_model import EFFECTS
+from ftbias_jax.types import Array
+
+OF_THE_ROBOT = ("tool_mass", "tool_com", "tool_inertia", "gravity_tilt", "mount_rotation", "encoder_offset", "cable")
+"""Effects that a simulator's own file may state."""
+
+
+class Physics(NamedTuple):
+    """The robot and its tool as they are."""
+
+    tool: RigidBody
+    """In the setup's sensor frame, as the setup believes it to be mounted."""
+    gravity: Array
+    """(3,) m/s^2, base frame."""
+    sensor_believed: Array
+    """(3, 3) the sensor's axes in the flange frame, as the setup believes."""
+    sensor_rotation: Array
+    """(3, 3) its true axes there."""
+    sensor_position: Array
+    """(3,) m, flange frame."""
+    offsets: Array
+    """(n,) rad: recorded minus true angle of each joint."""
+    cable: Mapping[str, Array] | None
+    """Of the effect, with what it left out; None = there is none."""
+
+
+@in_float64
+def physics_of(setup: Setup) -> Physics:
+    """What the setup states, with its effects.
+
+    Args:
+        setup: of an arm, with its tool.
+
+    Raises:
+        SetupError: the tool is not known, or an effect has impossible values.
+    """
+    params, catalogue = params_from_setup(setup), catalogue_of_setup(setup)
+    stated = values_from_setup(setup.effects, setup.path, catalogue)
+    model = Model(params.arm, params.gravity, params.theta)
+    of_robot = {name: complete(catalogue[name], stated[name], model) for name in OF_THE_ROBOT if name in stated}
+    n = len(setup.robot.screws)
+    time, joints = np.zeros(1), np.zeros((1, n))
+    nowhere = Signals(time, joints, joints, joints, time, model)
+    moved = transform(nowhere, of_robot, catalogue)
+    theta: Array = np.asarray(moved.model.theta)
+    mass, center, inertia = about_center_of_mass(theta)
+    turn = np.asarray(of_robot["mount_rotation"]["rotation"]) if "mount_rotation" in of_robot else np.zeros(3)
+    return Physics(
+        tool=RigidBody(float(mass), center, inertia_matrix(inertia)),
+        gravity=np.asarray(moved.model.gravity),
+        sensor_believed=setup.sensor.rotation,
+        sensor_rotation=setup.sensor.rotation @ rotation_from_vector(turn),
+        sensor_position=setup.sensor.translation,
+        offsets=-np.asarray(moved.q)[0],
+        cable={key: np.asarray(x) for key, x in of_robot["cable"].items()} if "cable" in of_robot else None,
+    )
+
+
+def not_expressed(setup: Setup, expressed: Iterable[str]) -> list[dict[str, Any]]:
+    """What of a setup's effects neither the simulator's file nor the sensor model says.
+
+    Args:
+        setup: with effects.
+        expressed: names of effects that the file says.
+    """
+    there = {*expressed, *EFFECTS}
+    return [
+        {"effect": name, "parameters": values, "why": WHY.get(name, OTHERS)}
+        for name, values in setup.effects.items()
+        if name not in there
+    ]
+
+
+OTHERS = "the file has no element for it"
+WHY = {
+    "tool_flexibility": "it needs further joints, which would change the state of your model",
+    "contact": "it happened in one recording, at its times",
+    "payload_change": "it happened in one recording, at its times",
+    "term": "it is described by what drives it, not by a part that a file could have",
+    "clock_drift": "it is of one recording's clocks",
+}

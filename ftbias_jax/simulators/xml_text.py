@@ -1,0 +1,128 @@
+"""Changes in the text of an XML file where its attributes stand: comments, order and layout stay as written."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+from xml.parsers import expat
+
+from ftbias_jax.errors import SetupError
+from ftbias_jax.setup.fields import read_file
+from ftbias_jax.setup.urdf import parse_xml
+from ftbias_jax.types import Array
+
+MAX_BYTES, MAX_DEPTH = 16 << 20, 128
+
+
+class Element(NamedTuple):
+    """One element, and where it stands."""
+
+    tag: str
+    attributes: dict[str, str]
+    start: int
+    """Byte of its <."""
+    parent: int
+    """Number of the element that it is in; -1 = none."""
+
+
+class Document:
+    """An XML file whose text is changed; ``text`` is what comes of it."""
+
+    def __init__(self, file: str) -> None:
+        """Read a file.
+
+        Args:
+            file: its path.
+
+        Raises:
+            SetupError: it cannot be read, is no XML, defines entities, or is not UTF-8.
+        """
+        self.file = file
+        self.content = read_file(file, MAX_BYTES, "give the path of an XML file", "give an XML file, not a mesh")
+        parse_xml(self.content, file, "an XML file", MAX_DEPTH)
+        try:
+            self.content.decode()
+        except UnicodeDecodeError as error:
+            raise SetupError(f"is not UTF-8: {error}", file=file, remedy="save it as UTF-8") from error
+        self.elements = _elements(self.content)
+        self._edits: list[tuple[int, int, str]] = []
+
+    def find(self, tag: str, **attributes: str) -> list[int]:
+        """Numbers of the elements of a tag with these attributes."""
+        items = attributes.items()
+        return [i for i, e in enumerate(self.elements) if e.tag == tag and items <= e.attributes.items()]
+
+    def children(self, parent: int, tag: str) -> list[int]:
+        """Numbers of the elements of a tag right in another."""
+        return [i for i, e in enumerate(self.elements) if e.parent == parent and e.tag == tag]
+
+    def set(self, element: int, name: str, value: str | None) -> None:
+        """Give an attribute another value; None takes it away."""
+        start, end = self._opening(element)
+        pattern = rf"\s{name}\s*=\s*(\"[^\"]*\"|'[^']*')"
+        found = re.search(pattern.encode(), self.content[start:end])
+        if found:
+            new = "" if value is None else f' {name}="{value}"'
+            self._edits.append((start + found.start(), start + found.end(), new))
+        elif value is not None:
+            tag = start + 1 + len(self.elements[element].tag)
+            self._edits.append((tag, tag, f' {name}="{value}"'))
+
+    def insert(self, element: int, text: str) -> None:
+        """Put something on a line of its own right behind the opening tag of an element."""
+        start, end = self._opening(element)
+        line = self.content.rfind(b"\n", 0, start) + 1
+        margin = re.match(rb"[ \t]*", self.content[line:start])
+        indent = (margin[0] if margin else b"").decode()
+        inner = "".join(f"\n{indent}  {part}" for part in text.splitlines())
+        if self.content[end - 2 : end] == b"/>":
+            tag = self.elements[element].tag
+            self._edits.append((end - 2, end, f">{inner}\n{indent}</{tag}>"))
+        else:
+            self._edits.append((end, end, inner))
+
+    def set_text(self, element: int, text: str) -> None:
+        """Give an element that has nothing but text another one."""
+        _, end = self._opening(element)
+        self._edits.append((end, self.content.index(b"<", end), text))
+
+    @property
+    def text(self) -> str:
+        """The changed text."""
+        content, last = self.content, len(self.content)
+        pieces = list[bytes]()
+        for start, end, new in sorted(self._edits, key=lambda edit: edit[0], reverse=True):
+            pieces += [content[end:last], new.encode()]
+            last = start
+        return b"".join([content[:last], *reversed(pieces)]).decode()
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything was changed."""
+        return bool(self._edits)
+
+    def _opening(self, element: int) -> tuple[int, int]:
+        """Bytes from < to behind > of an element's opening tag, in whose values a > may stand."""
+        start = self.elements[element].start
+        found = re.compile(rb"<(?:[^>\"']|\"[^\"]*\"|'[^']*')*>").match(self.content, start)
+        assert found is not None  # the parser has read it
+        return start, found.end()
+
+
+def _elements(content: bytes) -> list[Element]:
+    found, open_ones = list[Element](), [-1]
+    parser = expat.ParserCreate()
+
+    def enter(tag: str, attributes: dict[str, str]) -> None:
+        found.append(Element(tag, attributes, parser.CurrentByteIndex, open_ones[-1]))
+        open_ones.append(len(found) - 1)
+
+    parser.StartElementHandler = enter
+    parser.EndElementHandler = lambda _: open_ones.pop() and None
+    parser.Parse(content, True)
+    return found
+
+
+def numbers(values: Array) -> str:
+    """Numbers as attributes have them, with twelve digits and without minus zero."""
+    return " ".join(f"{float(f'{value:.12g}') + 0.0:.12g}" for value in values)
