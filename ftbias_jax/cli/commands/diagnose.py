@@ -35,6 +35,9 @@ def run(arguments: argparse.Namespace) -> int:
     setup = setup_of(arguments)
     paths = logs_of(arguments, setup, {"--output": SETUP, "--json": DIAGNOSIS, "--html": PAGE})
     names = [Path(path).name for path in paths]
+    if arguments.against and len(arguments.against) != len(paths):
+        message = f"{len(arguments.against)} files for {len(paths)} logs"
+        raise UsageError(message, field="--against", remedy="give one for each log, in their order")
     with Stages(f"diagnosing {', '.join(names)}") as stages:
         stages("reading")
         logs = [read_log(path, setup, raw=True) for path in paths]
@@ -47,6 +50,11 @@ def run(arguments: argparse.Namespace) -> int:
             from ftbias_jax.diagnosis.diagnose import diagnose
 
         setup = _with_effects(arguments, setup)
+        if arguments.against:
+            from ftbias_jax.simulators.replay import read_against
+
+            pairs = zip(arguments.against, logs, strict=True)
+            logs = [read_against(path, setup, log) for path, log in pairs]
         without, unchecked = tuple(arguments.without), arguments.unchecked
         diagnosis = diagnose(setup, logs, names, without=without, unchecked=unchecked, progress=stages)
     diagnosis = diagnosis._replace(command=_command(paths, arguments.setup))
@@ -111,7 +119,7 @@ def _each(arguments: argparse.Namespace) -> int:
     asked = {"without": sorted(arguments.without), "unchecked": arguments.unchecked}
     asked |= {"apply": True} if arguments.apply else {}
     beside = (REPORT, APPLIED) if arguments.apply else (REPORT,)
-    single = ("json", "html", "in_place")
+    single = ("json", "html", "in_place", "against")
     return for_each_log(arguments, setup, diagnose_one, asked, ANSWER, single=single, beside=beside)
 
 

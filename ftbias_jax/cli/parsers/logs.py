@@ -116,6 +116,13 @@ OF_LOGS = {
             ),
             flag("--in-place", "let --apply replace SETUP.toml"),
             option("--without", "EFFECT", "leave this effect out; may be repeated", action="append", default=[]),
+            option(
+                "--against",
+                "SIM.npz",
+                "the gap of your own simulator: its wrench for each LOG, as ftbias replay writes it",
+                nargs="+",
+                default=[],
+            ),
             UNCHECKED,
             OWN_EFFECTS,
             ARCHIVE,

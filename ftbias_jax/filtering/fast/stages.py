@@ -176,15 +176,16 @@ def predict_wrenches(
     motion = bias_filter.vibration(params.bias, joints.mean[:, 1])
     if motion is not None:
         from_joints = from_joints + bias_filter.white_share(params.bias, motion)
-    if params.effects is None:
+    if params.effects is None and compose.BEYOND[0] not in (samples.columns or {}):
         return wrench_tool, from_joints + stated[None]
     signals = signals_of(params, jnp.swapaxes(joints.mean, 1, 2), samples)
-    reading = compose.predict(signals, params.effects)
+    effects = params.effects or {}
+    reading = compose.predict(signals, effects)
     dt = samples.dt[1:, None]
     rate = jnp.diff(reading, axis=0) / jnp.where(dt > 0, dt, jnp.inf)
     rate = jnp.concatenate([rate[:1], rate])
-    of_terms = compose.variance_of_terms(signals, params.effects, reading)
-    return reading, from_joints + of_terms + compose.noise_variance(stated, rate, signals.model, params.effects)
+    of_terms = compose.variance_of_terms(signals, effects, reading)
+    return reading, from_joints + of_terms + compose.noise_variance(stated, rate, signals.model, effects)
 
 
 def predict_readings(params: Params, joints: Float[Array, "T n 3"], samples: Sample) -> Float[Array, "T 6"]:

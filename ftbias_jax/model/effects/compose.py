@@ -48,9 +48,16 @@ def variance_of_terms(signals: Signals, values: Values, reading: Array) -> Array
     return term_noise(jnp, terms, state_of(jnp, signals, reading)) if terms else jnp.zeros_like(reading)
 
 
+BEYOND = tuple(f"beyond_{axis}" for axis in ("fx", "fy", "fz", "tx", "ty", "tz"))
+"""Columns of a log with what a simulator of the user's own adds to the wrench of the nominal tool, N and Nm."""
+
+
 def tool_wrenches(signals: Signals) -> Array:
-    """(T, 6) N, Nm: wrench of the tool, D theta, for the motion and model of ``signals``."""
-    return wrenches_in_motion(signals.model.gravity, signals.model.theta, motion_of(signals))
+    """(T, 6) N, Nm: wrench of the tool, D theta, for the motion and model of ``signals``, and what is BEYOND it."""
+    wrench = wrenches_in_motion(signals.model.gravity, signals.model.theta, motion_of(signals))
+    if BEYOND[0] not in signals.columns:
+        return wrench
+    return wrench + jnp.stack([signals.columns[name] for name in BEYOND], 1)
 
 
 def transform(signals: Signals, values: Values, catalogue: Mapping[str, Effect] | None = None) -> Signals:

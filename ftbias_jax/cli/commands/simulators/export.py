@@ -70,7 +70,7 @@ def found_setup(arguments: argparse.Namespace) -> Setup:
         raise UsageError("needs a setup with the tool", field="SETUP.toml", remedy="name it")
     if not found.endswith(".json"):
         return load_setup(found, with_tool=True)
-    if arguments.format not in OF_SIMULATORS:
+    if getattr(arguments, "format", "mjcf") not in OF_SIMULATORS:
         remedy = "give a setup: ftbias diagnose --apply -o FIXED.toml"
         raise UsageError(f"{found!r} is a diagnosis", field="SETUP.toml", remedy=remedy)
     if not arguments.setup:

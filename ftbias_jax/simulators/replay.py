@@ -1,0 +1,166 @@
+"""What a user's MuJoCo scene says the sensor feels in a recorded motion, and a log to be diagnosed against that.
+
+Inverse dynamics at the recorded states, the joints smoothed. What is beyond the sensor and hangs on springs moves as
+its springs let it; other joints that the log does not have stay where the scene has them.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ftbias_jax.diagnosis.samples.smoothed import padded_samples, smoothed
+from ftbias_jax.errors import LogError
+from ftbias_jax.filtering import params_for_log
+from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.io.cleaning import clean
+from ftbias_jax.io.log import Column, Log
+from ftbias_jax.io.tables.array_files import load_arrays
+from ftbias_jax.model.effects.compose import BEYOND, tool_wrenches
+from ftbias_jax.model.effects.types import Model, Signals
+from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.setup.mjcf import Mjcf
+from ftbias_jax.setup.types import REPORTS, Setup
+from ftbias_jax.types import Array
+
+EVERY = 1000
+"""Samples between two reports of progress."""
+STEP, MOST_STEPS = 0.05, 100
+"""rad of the fastest swing in one step, and steps to a sample."""
+
+
+@in_float64
+def joint_states(setup: Setup, log: Log) -> Array:
+    """(T, n, 3) rad, rad/s, rad/s^2 at the stamps of a cleaned log: smoothed positions, speeds and accelerations."""
+    options, samples = Options(joint_model=setup.joints.model), padded_samples(log)
+    params = params_for_log.likeliest_params(setup, samples, options)
+    return smoothed(params._replace(effects=None), samples, options)[0][: len(log.t)]
+
+
+def replay(scene: Mjcf, t: Array, states: Array, progress: Callable[[float], object] = lambda done: None) -> Array:
+    """(T, 6) N, Nm: the wrench that the sensor exerts on the tool, at the scene's site.
+
+    Args:
+        scene: with as many joints before the sensor as the states have.
+        t: (T,) s.
+        states: (T, n, 3) of ``joint_states``.
+        progress: called with the number of samples that are done.
+
+    Raises:
+        SetupError: the scene has another number of joints.
+    """
+    import mujoco
+
+    model, data, joints = scene.model, scene.in_reference_pose(), list(scene.joints)
+    if len(joints) != states.shape[1]:
+        message = f"has {len(joints)} joints before the sensor, the log {states.shape[1]}"
+        raise scene.error("robot", message, "choose the scene of this robot, or its base_link")
+    at, speed, springs = model.jnt_qposadr[joints], model.jnt_dofadr[joints], _springs(scene)
+    wrench, reading = np.zeros((len(t), 6)), np.zeros(6)
+    for i, dt in enumerate(np.diff(t, prepend=t[:1]).tolist()):
+        data.qpos[at], data.qvel[speed], data.qacc[speed] = states[i].T
+        _swing(model, data, springs, dt)
+        mujoco.mj_inverse(model, data)
+        mujoco.mj_rnePostConstraint(model, data)
+        origin = data.subtree_com[model.body_rootid[scene.body]]
+        place = data.site_xpos[scene.site], origin, data.site_xmat[scene.site]
+        mujoco.mju_transformSpatial(reading, data.cfrc_int[scene.body], 1, *place)
+        wrench[i] = np.roll(reading, 3)  # MuJoCo puts the torque first
+        if i % EVERY == 0:
+            progress(i)
+    return wrench
+
+
+def _springs(scene: Mjcf) -> Array:
+    """Degrees of freedom beyond the sensor that hang on springs, of hinges and slides."""
+    model = scene.model
+    beyond = np.isin(model.jnt_bodyid, scene.distal_bodies()) & ~np.isin(np.arange(model.njnt), scene.joints)
+    single = model.jnt_type >= 2  # slides and hinges
+    return np.asarray(model.jnt_dofadr[beyond & single & (model.jnt_stiffness > 0)])
+
+
+def _swing(model: Any, data: Any, springs: Array, dt: float) -> None:
+    """Move what hangs on springs by one sample, and give it the acceleration that its forces make there.
+
+    With the arm's accelerations given, M_ss a_s = tau_s - bias_s - M_sa a_a. The steps, short against the fastest
+    swing, are symplectic, and implicit in the dampers.
+    """
+    if not len(springs):
+        return
+    import mujoco
+
+    joints = model.dof_jntid[springs]
+    stiffness, damping = model.jnt_stiffness[joints], np.diag(model.dof_damping[springs])
+    units, rows, steps = np.eye(model.nv)[springs], np.zeros((len(springs) + 1, model.nv)), 1
+    done = 0
+    while done < steps:
+        data.qacc[springs] = 0.0
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        for row, vector in zip(rows, (*units, data.qacc), strict=True):
+            mujoco.mj_mulM(model, data, row, vector)  # all that every version of MuJoCo has of its mass matrix
+        mass, force = rows[:-1, springs], (data.qfrc_passive - data.qfrc_bias - rows[-1])[springs]
+        if not done:
+            fastest = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, np.diag(stiffness))).real.max())
+            steps = min(max(int(np.ceil(fastest * dt / STEP)), 1), MOST_STEPS)
+        acceleration = np.linalg.solve(mass + dt / steps * damping, force)
+        data.qvel[springs] += dt / steps * acceleration
+        data.qpos[model.jnt_qposadr[joints]] += dt / steps * data.qvel[springs]
+        data.qacc[springs] = acceleration
+        done += 1
+
+
+@in_float64
+def against(setup: Setup, log: Log, t: Array, wrench: Array) -> Log:
+    """A log to be diagnosed against a simulator: what that adds to the nominal tool's wrench goes along in columns.
+
+    Args:
+        setup: of the log.
+        log: as recorded.
+        t: (K,) s, stamps of the simulated wrench, relative to the log's first sample.
+        wrench: (K, 6) N, Nm, on the tool, sensor frame.
+
+    Raises:
+        LogError: the simulated wrench does not last as long as the log, or has samples that are no numbers.
+    """
+    wrench, t = np.asarray(wrench, float), np.asarray(t, float)
+    if wrench.shape != (len(t), 6) or not np.isfinite(wrench).all():
+        remedy = "give (T,) seconds and (T, 6) finite numbers"
+        raise LogError(f"has shape {wrench.shape}, or NaN", file=log.file, field="wrench_model", remedy=remedy)
+    if t[0] > log.t[0] + 0.1 or t[-1] < log.t[-1] - 0.1:
+        message = f"lasts from {t[0]:.6g} s to {t[-1]:.6g} s, the log from {log.t[0]:.6g} s to {log.t[-1]:.6g} s"
+        raise LogError(message, file=log.file, field="wrench_model", remedy="ftbias replay LOG makes one for it")
+    whole = clean(log)
+    params, (q, dq, ddq) = params_from_setup(setup), np.moveaxis(joint_states(setup, whole), 2, 0)
+    model = Model(params.arm, params.gravity, params.theta)
+    nominal = np.asarray(tool_wrenches(Signals(whole.t, q, dq, ddq, 0 * whole.t, model)))
+    columns = {
+        name: Column(whole.t, np.interp(whole.t, t, wrench[:, k]) - nominal[:, k]) for k, name in enumerate(BEYOND)
+    }
+    return log._replace(columns={**log.columns, **columns})
+
+
+def read_against(path: str | os.PathLike[str], setup: Setup, log: Log) -> Log:
+    """``against`` the wrench of a file.
+
+    Args:
+        path: .npz with ``t`` (K,) s, stamps of the log or seconds since its first, and ``wrench_model`` (K, 6) N, Nm in
+            the sign that the sensor reports.
+        setup: of the log.
+        log: as recorded.
+
+    Raises:
+        LogError: it cannot be read, or is of another log.
+    """
+    arrays = load_arrays(path, ("t", "wrench_model"))
+    for name in ("t", "wrench_model"):
+        if name not in arrays:
+            raise LogError("is not there", file=path, field=name, remedy="ftbias replay LOG -o SIM.npz writes it")
+    t, sign = np.asarray(arrays["t"], float), 1.0 if setup.sensor.reports == REPORTS[0] else -1.0
+    if len(t) and abs(t[0] - log.start) < abs(t[0]):
+        t = t - log.start
+    return against(setup, log._replace(file=str(path)), t, sign * np.asarray(arrays["wrench_model"], float))

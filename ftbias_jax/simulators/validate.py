@@ -1,0 +1,114 @@
+"""How far a mended simulator is from recordings it was not mended by, before and after, channel by channel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ftbias_jax.diagnosis.evidence.gap import excess, excess_by_channel
+from ftbias_jax.diagnosis.problem import Problem, make_problem
+from ftbias_jax.diagnosis.regression import fit as fits
+from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS
+from ftbias_jax.io.cleaning import clean
+from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.runtime.progress import silent
+from ftbias_jax.setup.mjcf import Mjcf
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.simulators.replay import against, joint_states, replay
+from ftbias_jax.simulators.sensor_model import EFFECTS
+from ftbias_jax.types import Array
+
+
+class Distance(NamedTuple):
+    """What of recordings a simulator misses, beyond noise and beyond bias and drift."""
+
+    rms: Array
+    """(6,) N, Nm."""
+    rms_stderr: Array
+    """(6,) N, Nm, from blocks of the logs."""
+    sigmas: float
+    """Root mean square over the channels, in standard deviations of the noise."""
+    sigmas_stderr: float
+
+
+class Validation(NamedTuple):
+    """A simulator before and after it was mended."""
+
+    before: Distance
+    after: Distance
+    shrink: float
+    """1 - after / before, of ``sigmas``."""
+    shrink_stderr: float
+
+    def plain(self) -> dict[str, Any]:
+        """For JSON."""
+        parts = {
+            name: {k: np.asarray(x).tolist() for k, x in getattr(self, name)._asdict().items()}
+            for name in ("before", "after")
+        }
+        return {**parts, "shrink": self.shrink, "shrink_stderr": self.shrink_stderr}
+
+    def __str__(self) -> str:
+        lines = ["channel  before              after"]
+        pairs = zip(("fx N", "fy N", "fz N", "tx Nm", "ty Nm", "tz Nm"), range(6), strict=True)
+        for name, k in pairs:
+            cells = (f"{d.rms[k]:.3g} \u00b1 {d.rms_stderr[k]:.1g}" for d in (self.before, self.after))
+            lines.append(f"{name:7s}  " + "  ".join(f"{cell:18s}" for cell in cells))
+        return "\n".join([*lines, f"the gap shrinks by {self.shrink:.2f} \u00b1 {self.shrink_stderr:.2f}"])
+
+
+@in_float64
+def validate(
+    setup: Setup,
+    mended: Setup,
+    logs: Sequence[Log],
+    scenes: tuple[Mjcf, Mjcf],
+    progress: Callable[[str], None] = silent,
+) -> Validation:
+    """Replay recordings in a scene as it was and as it was mended, with the errors of the sensor that were found.
+
+    Args:
+        setup: of the scene as it was.
+        mended: the setup with what was found.
+        logs: others than those of the diagnosis.
+        scenes: as it was, and mended.
+        progress: called with the name of each stage as it begins.
+    """
+    progress("replaying the logs")
+    of_sensor = {name: x for name, x in mended.effects.items() if name in (*EFFECTS, TERM)}
+    states = [joint_states(setup, clean(log)) for log in logs]
+    found = []
+    for one, scene in ((setup, scenes[0]), (replace(setup, effects={**setup.effects, **of_sensor}), scenes[1])):
+        beside = [
+            against(setup, log, clean(log).t, replay(scene, clean(log).t, state))
+            for log, state in zip(logs, states, strict=True)
+        ]
+        progress("comparing")
+        problem, _ = make_problem(one.with_effects(setup.own_effects), beside)
+        found.append(distance(problem, fits.base(problem).error))
+    before, after = found
+    shrink = 1 - after.sigmas / before.sigmas if before.sigmas > 0 else 0.0
+    spread = [x.sigmas_stderr / before.sigmas if before.sigmas > 0 else 1.0 for x in found]
+    return Validation(before, after, shrink, float(np.hypot(spread[1], (1 - shrink) * spread[0])))
+
+
+def distance(problem: Problem, error: Array) -> Distance:
+    """The size in N and Nm of innovations (U, 6), in standard deviations, beyond what noise makes of them."""
+    mean = excess_by_channel(problem, error)
+    weight = np.where(problem.samples > 0, (problem.noise_std**2 / problem.variance) ** 2, 0)
+    scaled = weight / np.maximum(weight.sum(0), 1e-300) * (excess(problem, error) - mean)
+    sums = np.stack([np.bincount(problem.block(BLOCK_SECONDS), x) for x in scaled.T])
+    stderr, total = np.sqrt((sums**2).sum(1)), float(np.maximum(mean, 0).mean())
+    of_total = float(np.sqrt((sums.mean(0) ** 2).sum()))
+    size = np.sqrt(np.maximum(mean, 0))
+    return Distance(
+        rms=problem.noise_std * size,
+        rms_stderr=problem.noise_std * stderr / (2 * np.maximum(size, np.sqrt(np.maximum(stderr, 1e-300)))),
+        sigmas=float(np.sqrt(total)),
+        sigmas_stderr=of_total / (2 * max(np.sqrt(total), np.sqrt(of_total), 1e-300)),
+    )
