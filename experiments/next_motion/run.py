@@ -214,7 +214,7 @@ if __name__ == "__main__":
     parser.add_argument("parts", nargs="*", choices=[[], *PARTS], default=[])
     jax.config.update("jax_enable_x64", True)
     path = Path(__file__).with_name("result.json")
-    result = json.loads(path.read_text())["result"] if path.exists() else {}
     for part in parser.parse_args().parts or PARTS:
-        result[part] = plain(PARTS[part]())
-        keep(__file__, result)
+        found = plain(PARTS[part]())
+        before = json.loads(path.read_text())["result"] if path.exists() else {}
+        keep(__file__, before | {part: found})
