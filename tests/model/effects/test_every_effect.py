@@ -226,5 +226,6 @@ def test_what_is_simulated_is_found_and_applied_and_then_filtered_away(name):
     fixed = diagnosis.apply(setup)
     assert first.effect in fixed.effects
     result = filter_log(fixed, made.log)
-    sigmas = (result.bias - made.truth.bias) / result.bias_std
+    rows = np.searchsorted(made.truth.t, result.t - 1e-6)  # without the samples that are left out
+    sigmas = (result.bias - made.truth.bias[rows]) / result.bias_std
     assert np.sqrt(np.nanmean(sigmas**2)) < 1.5
