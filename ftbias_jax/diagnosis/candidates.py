@@ -80,7 +80,8 @@ def candidates(
             fits.append(fit(problem, (*accepted.hypotheses, h), accepted, ROUGHLY, ROUGH_STEPS))
         elif all_smooth and _is_smooth(problem, h):
             fits.append(first_order(accepted, h, columns[h]))
-    return _best_of_each(_polish(problem, accepted, [Scored(one, score(one, accepted)) for one in fits]))
+    polished = _polish(problem, accepted, [Scored(one, score(one, accepted)) for one in fits])
+    return _without_idle_forms(problem, _best_of_each(polished))
 
 
 def _is_smooth(problem: Problem, h: Hypothesis) -> bool:
@@ -111,6 +112,17 @@ def _end(problem: Problem, rough: Fit) -> Fit:
         return end
     freer = fit(problem, (*rough.hypotheses[:-1], general), end)
     return freer if score(freer, end) > 0 else end
+
+
+def _without_idle_forms(problem: Problem, scored: list[Scored]) -> list[Scored]:
+    """Without the general forms of other candidates that gain no more than chance beyond them."""
+    nats = {s.hypothesis.effect: s.nats for s in scored}
+
+    def is_idle(effect: str) -> bool:
+        special = problem.catalogue[effect].fit.extends
+        return special in nats and nats[effect] < nats[special] + LEAST_GAIN
+
+    return [s for s in scored if not is_idle(s.hypothesis.effect)]
 
 
 def _best_of_each(scored: list[Scored]) -> list[Scored]:

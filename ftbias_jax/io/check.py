@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.clock import as_stamps, later, one_a_stamp, put_in_order, since, tidy
+from ftbias_jax.io.clock import as_stamps, on_right_clock, one_a_stamp, put_in_order, since, tidy
 from ftbias_jax.io.log import Column, Log, Repairs
 from ftbias_jax.io.pose import in_sensor_axes, pose_entries
-from ftbias_jax.setup.recorded import FORCE_UNITS, TORQUE_UNITS
+from ftbias_jax.setup.recorded import FORCE_UNITS, TORQUE_UNITS, LogSetup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -172,16 +172,16 @@ def merge_parts(parts: Sequence[Part], file: str = "") -> dict[str, Array]:
     return merged
 
 
-def on_one_clock(parts: Sequence[Part], offsets: Mapping[str, float], file: str = "") -> list[Part]:
-    """Streams with the offsets of their clocks added, [log.time_offsets]; a stream goes by the first of its arrays."""
+def on_one_clock(parts: Sequence[Part], log: LogSetup, file: str = "") -> list[Part]:
+    """Streams with the rates and offsets of their clocks mended; a stream goes by the first of its arrays."""
     if len({t.dtype.kind for t, _ in parts}) > 1:
         message = f"types {' and '.join(str(t.dtype) for t, _ in parts)} differ"
         raise LogError(message, file=file, field="t_joints, t_wrench", remedy="give both in s, or both in integer ns")
     owners = [QUANTITIES[next(iter(arrays))] for _, arrays in parts]
-    if shared := sorted(offsets.keys() - set(owners)):
+    if shared := sorted(log.time_offsets.keys() - set(owners)):
         field, remedy = f"log.time_offsets.{shared[0]}", f"state that of {' or '.join(owners)}"
         raise LogError("has no stamps of its own in this log", file=file, field=field, remedy=remedy)
-    return [(later(t, offsets.get(owner, 0.0)), arrays) for owner, (t, arrays) in zip(owners, parts, strict=True)]
+    return [(on_right_clock(t, log, owner), arrays) for owner, (t, arrays) in zip(owners, parts, strict=True)]
 
 
 def check_overlap(joint_t: Array, wrench_t: Array, file: str = "") -> None:

@@ -21,6 +21,12 @@ LONG_PAUSE = 3600.0
 """s: what judges a log counts a longer pause, or a jump of its clock, as this long. Its cost must not grow with it."""
 PAUSE = SECOND
 """ns, between what was recorded before and after the clock was set back: the true pause is not known."""
+PIECES, LEAST_SAMPLES = 20, 200
+"""Of a recording, in each of which the message that waited least counts; and samples that tell a clock's rate."""
+MOST_RATE = 2e4
+"""ppm; no clock is so fast, but one stream was recorded for longer."""
+TOGETHER = 5.0
+"""Intervals between samples within which streams begin that were recorded together."""
 EXACT = 2**53
 """Integers up to here are exact as floating-point numbers."""
 
@@ -104,9 +110,60 @@ def stamps_of(t: Array, log: LogSetup) -> Array:
     return t.astype(np.int64) * unit
 
 
-def later(t: Array, seconds: float) -> Array:
-    """(T,) stamps, floating point in s or integers in ns, moved by so many seconds."""
+def on_right_clock(t: Array, log: LogSetup, quantity: str) -> Array:
+    """(T,) stamps of one stream, s or integers in ns: the rate of its clock taken off, then its offset added.
+
+    Args:
+        t: as recorded, with their units.
+        log: states the rate of the wrench's clock, [log.clocks], and the offsets, [log.time_offsets].
+        quantity: what the stream is, as these name it.
+    """
+    if quantity == "wrench" and log.wrench_rate and len(t):
+        ahead = (t - t[0]) * (1e-6 * log.wrench_rate)
+        t = t - (np.rint(ahead).astype(np.int64) if t.dtype.kind == "i" else ahead)
+    seconds = log.time_offsets.get(quantity, 0.0)
     return t + (round(seconds * 1e9) if t.dtype.kind == "i" else seconds)
+
+
+def rate_against(stamps: Array, logged: Array) -> tuple[float, float]:
+    """ppm by which the clock of a stream's stamps runs fast against the recorder's, and the standard error.
+
+    A message waits before it is logged, and never less than not at all: the rate is that of the shortest waits.
+
+    Args:
+        stamps: (T,) int64 ns, increasing.
+        logged: (T,) int64 ns, by the recorder, of the same messages.
+
+    Returns:
+        0 and infinity if the messages are too few.
+    """
+    if len(stamps) < LEAST_SAMPLES or stamps[-1] <= stamps[0]:
+        return 0.0, np.inf
+    t, wait = (stamps - stamps[0]) * 1e-9, (logged - stamps - (logged[0] - stamps[0])) * 1e-9
+    pieces = np.array_split(np.arange(len(t)), PIECES)
+    least = np.array([piece[wait[piece].argmin()] for piece in pieces])
+    (slope, _), spread = np.polyfit(t[least], wait[least], 1, cov=True)
+    return float(-1e6 * slope), float(1e6 * np.sqrt(spread[0, 0]))
+
+
+def longer_in_words(joints: Array, wrench: Array) -> str:
+    """What the ends of streams that began together say of the clock of the wrench; "" = nothing.
+
+    Args:
+        joints: (J,) s, increasing, stamps of the joints.
+        wrench: (W,) s, increasing, stamps of the wrench.
+    """
+    if min(len(joints), len(wrench)) < 2:
+        return ""
+    interval = max(float(np.median(np.diff(t))) for t in (joints, wrench))
+    begins, ends = wrench[0] - joints[0], wrench[-1] - joints[-1]
+    rate, stderr = (1e6 * x / (joints[-1] - joints[0]) for x in (ends - begins, interval))
+    if abs(begins) > TOGETHER * interval or abs(rate) < TOGETHER * stderr or abs(rate) > MOST_RATE:
+        return ""
+    return (
+        f"ends {abs(ends):.3g} s {'after' if ends > 0 else 'before'} the joints, with which it begins: if both were "
+        f"recorded for as long, state wrench_rate = {rate:.0f} ± {stderr:.0f} (ppm) in [log.clocks]"
+    )
 
 
 def rows_at_rate(values: Array, log: LogSetup) -> Array | None:

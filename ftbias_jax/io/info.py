@@ -15,7 +15,7 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_recorded
 from ftbias_jax.io.cleaning import clean
-from ftbias_jax.io.clock import one_a_stamp
+from ftbias_jax.io.clock import longer_in_words, one_a_stamp
 from ftbias_jax.io.draft.table import Table, look, stated_columns, time_unit
 from ftbias_jax.io.health import StreamInfo, stream_info
 from ftbias_jax.io.log import Log, Repair
@@ -80,7 +80,10 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
     motion = stream_info(*said, log.start, log.t[joints], log.q[joints][:, shown], labels)
     rows = ~np.isnan(log.wrench).all(1)
     sensed = log.start, log.t[rows], log.wrench[rows], AXES
-    streams = (motion, stream_info("wrench", "N, Nm", (), *sensed, sensor=True))
+    wrench = stream_info("wrench", "N, Nm", (), *sensed, sensor=True)
+    if longer := longer_in_words(log.t[joints], log.t[rows]):
+        wrench = wrench._replace(trouble=(*wrench.trouble, longer))
+    streams = (motion, wrench)
     verdict = "can be filtered" if setup else f"has {len(names)} joints and a wrench"
     try:
         cleaned = clean(log)

@@ -54,7 +54,7 @@ class OpenLog(NamedTuple):
 def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> OpenLog:
     """Open a log of any format; samples of clipped and stuck axes are left out and counted. Errors as ``read_log``."""
     file = os.fspath(path)
-    usual = not setup.pose and setup.log.time_unit is None and setup.log.rate is None and not setup.log.time_offsets
+    usual = not setup.pose and setup.log.time_unit is None and setup.log.rate is None and setup.log.one_clock
     usual = usual and setup.log.wrench_axes == "sensor" and not setup.log.files and not is_url(file)
     usual = usual and not setup.log.columns
     opened = _open_npz(file, setup) if usual and Path(file).suffix.lower() == ".npz" else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -76,8 +77,9 @@ class LogSetup:
     topics: Mapping[str, str] = field(default_factory=dict)
     """Topics of a ROS recording by what they are to the log, where there is more than one to choose from; "topic:field"
     for a field of another message."""
-    clocks: Mapping[str, str] = field(default_factory=dict)
-    """Whose stamps they have, by the same names, one of CLOCKS; absent = found from the recording."""
+    clocks: Mapping[str, Any] = field(default_factory=dict)
+    """Whose stamps they have, by the same names, one of CLOCKS; absent = found from the recording. And "wrench_rate",
+    ppm by which the clock of the wrench runs fast."""
     files: Mapping[str, str] = field(default_factory=dict)
     """Names of the files that make up one log, by quantity, with * for what their names share; {} = one file."""
     time_units: Mapping[str, str] = field(default_factory=dict)
@@ -100,3 +102,13 @@ class LogSetup:
     """Whether ``files`` may be anywhere; the user's word, which no setup can give."""
     wrench_axes: str = "sensor"
     """One of WRENCH_AXES: in which axes the wrench is recorded, about the sensor's origin."""
+
+    @property
+    def wrench_rate(self) -> float:
+        """ppm by which the clock of the wrench's stamps runs fast against that of the joints'."""
+        return float(self.clocks.get("wrench_rate", 0.0))
+
+    @property
+    def one_clock(self) -> bool:
+        """Whether all stamps are those of one clock."""
+        return not (self.time_offsets or self.wrench_rate)

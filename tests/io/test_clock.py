@@ -4,7 +4,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.clock import JUMP, PAUSE, complaint_of_headers, continue_after_jumps, jumps, put_in_order, tidy
+from ftbias_jax.io.clock import (
+    JUMP,
+    PAUSE,
+    complaint_of_headers,
+    continue_after_jumps,
+    jumps,
+    longer_in_words,
+    on_right_clock,
+    put_in_order,
+    rate_against,
+    tidy,
+)
+from ftbias_jax.setup.recorded import LogSetup
 
 STEP = 10_000_000
 
@@ -75,3 +87,38 @@ def test_a_clock_that_was_set_back_is_no_late_sample(stamps):
 @pytest.mark.parametrize("first", [steady(), np.where(np.arange(20) == 3, 0, steady())], ids=["whole", "one missing"])
 def test_stamps_of_one_clock_are_kept(first):
     assert not complaint_of_headers([first, steady(10**9 + 5)], [steady(), steady()])
+
+
+@pytest.mark.parametrize("rate", [-3000.0, -80.0, 250.0, 5000.0])
+def test_stamps_of_a_clock_that_runs_fast_are_put_right(rate):
+    """In s and in ns since 1970; of the wrench alone, with its offset."""
+    true = np.linspace(0, 300, 30001)
+    log = LogSetup(clocks={"wrench_rate": rate}, time_offsets={"wrench": -0.25})
+    stamps = true * (1 + 1e-6 * rate) + 0.25
+    np.testing.assert_allclose(on_right_clock(stamps, log, "wrench"), true, atol=300 * (1e-6 * rate) ** 2 + 1e-9)
+    np.testing.assert_array_equal(on_right_clock(stamps, log, "position"), stamps)
+    since_1970 = 1_700_000_000 * 10**9
+    whole = since_1970 + np.rint(stamps * 1e9).astype(np.int64)
+    right = on_right_clock(whole, log, "wrench")
+    assert right.dtype == np.int64
+    np.testing.assert_allclose((right - since_1970) * 1e-9, true, atol=300 * (1e-6 * rate) ** 2 + 2e-9)
+
+
+@given(rate=st.floats(-5000, 5000), seed=st.integers(0, 2**16))
+def test_the_rate_of_a_clock_is_that_of_the_shortest_waits(rate, seed):
+    rng = np.random.default_rng(seed)
+    true = np.arange(20_000) * 0.002
+    logged = true + 1e-3 + rng.exponential(2e-3, len(true))
+    stamps = true * (1 + 1e-6 * rate)
+    found, stderr = rate_against(*(np.rint(t * 1e9).astype(np.int64) for t in (stamps, logged)))
+    assert abs(found - rate) < 6 * stderr + 1e-6 * rate**2
+    assert stderr < 5
+    assert rate_against(np.arange(9), np.arange(9)) == (0.0, np.inf)
+
+
+def test_the_ends_of_streams_that_began_together_tell_of_a_clock():
+    joints = np.arange(0, 40, 0.002)
+    fast = np.arange(0.001, 40, 0.004) * 1.002
+    assert "wrench_rate = 1950 ± 100 (ppm)" in longer_in_words(joints, fast)
+    for other in (fast / 1.002, fast + 3.0, fast[: len(fast) // 2], fast[:1]):
+        assert longer_in_words(joints, other) == ""

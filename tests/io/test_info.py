@@ -1,3 +1,5 @@
+import re
+
 import log_files
 import numpy as np
 import pytest
@@ -6,6 +8,9 @@ from recordings import FORMATS, Joints, Wrench
 
 from ftbias_jax.cli.main import main
 from ftbias_jax.io.info import describe
+from ftbias_jax.io.ros.messages import WRENCH
+from ftbias_jax.io.ros.read import skew
+from ftbias_jax.io.ros.record import Stream
 from ftbias_jax.setup import dump_setup
 
 
@@ -54,6 +59,23 @@ def test_trouble_is_named(tmp_path):
     assert length == pytest.approx(5.0)
     assert "velocity of base: 100 % not measured" in joints.trouble
     assert not any("stuck" in line for line in joints.trouble)  # joints may rest
+
+
+def test_a_clock_that_runs_fast_is_told_from_stamps_alone(tmp_path):
+    """Of a topic against the recorder's times; of files of arrays by ends that streams have apart."""
+    true = np.arange(4000) * 0.01
+    logged = np.rint((true + np.random.default_rng(0).exponential(1e-3, len(true))) * 1e9).astype(np.int64)
+    stamps = np.rint(1.0005 * true * 1e9).astype(np.int64)
+    stream = Stream("/ft", "", WRENCH, (), stamps, logged, logged, np.zeros((4000, 6)))
+    assert re.search(r"whose clock runs (499|500|501)", skew(stream))
+    assert "clock" not in skew(stream._replace(stamps=np.rint(true * 1e9).astype(np.int64)))
+    log = recordings.arrays(samples=600)
+    t = log["t_wrench"]
+    for rate, words in ((1.8e-2, "wrench_rate = 1"), (0.0, "")):
+        stamps = t + np.rint((t - t[0]) * rate).astype(np.int64)
+        _, wrench = describe(log_files.write(tmp_path / f"{rate}.npz", log | {"t_wrench": stamps})).streams
+        assert words in "".join(wrench.trouble)
+        assert ("wrench_rate" in "".join(wrench.trouble)) == bool(words)
 
 
 def test_what_cannot_be_filtered_says_why(tmp_path, setup, make_setup):

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_overlap, merge_parts, on_one_clock
 from ftbias_jax.io.clock import as_stamps
+from ftbias_jax.setup.recorded import LogSetup
 
 
 def merge(joint_t, q, wrench_t, wrench, **more):
@@ -17,7 +18,7 @@ def merge(joint_t, q, wrench_t, wrench, **more):
     rates = {"dq": more["dq"]} if "dq" in more else {}
     warm = {"temperature": more["temperature"]} if "temperature" in more else {}
     streams = [(as_stamps(joint_t), {"q": q, **rates}), (as_stamps(wrench_t), {"wrench": wrench, **warm})]
-    parts = on_one_clock(streams, {}, "log.npz")
+    parts = on_one_clock(streams, LogSetup(), "log.npz")
     check_overlap(parts[0][0], parts[1][0], "log.npz")
     return SimpleNamespace(**merge_parts(parts, "log.npz"))
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import Part, log_of_parts, on_one_clock
-from ftbias_jax.io.clock import complaint_of_headers, continue_after_jumps, jumps, tidy
+from ftbias_jax.io.clock import complaint_of_headers, continue_after_jumps, jumps, rate_against, tidy
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.ros.choose import Chosen, choose, refuse_columns, wanted_of
 from ftbias_jax.io.ros.messages import JOINTS, WRENCH
@@ -19,6 +19,8 @@ from ftbias_jax.types import Array
 
 CREDIBLE_DELAY = 10**10
 """ns: how much more or less than usual a message of a damaged recording may be late."""
+RATE_STDERRS, LEAST_RATE = 5.0, 20.0
+"""Standard errors and ppm from which on the rate of a clock is told; any two quartzes differ by a few ppm."""
 
 
 def read_ros(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> Log:
@@ -43,7 +45,7 @@ def log_of(recording: Recording, setup: Setup, file: str = "") -> Log:
     mended: list[Repair] = []
     recording = credible(recording, mended)
     chosen = choose(recording, ("position", "velocity", "wrench", "temperature"), setup, file)
-    parts = on_one_clock(parts_of(chosen, setup, mended, file), setup.log.time_offsets, file)
+    parts = on_one_clock(parts_of(chosen, setup, mended, file), setup.log, file)
     log = log_of_parts(parts, setup, tuple(mended), file)
     return log._replace(frame=chosen["wrench"][1].names[0])
 
@@ -128,9 +130,14 @@ def credible(recording: Recording, mended: list[Repair]) -> Recording:
 
 
 def skew(stream: Stream) -> str:
-    """How far the recorder's clock is from that of a stream's headers, in words."""
+    """How far the recorder's clock is from that of a stream's headers, and how much faster that runs, in words."""
     stamped = stream.stamps != 0
     if not stamped.any():
         return f"{stream.topic} has no stamps"
     ahead = np.median((stream.logged - stream.stamps)[stamped]) * 1e-9
-    return f"{stream.topic} was recorded {abs(ahead):.3g} s {'after' if ahead >= 0 else 'before'} its stamps"
+    words = f"{stream.topic} was recorded {abs(ahead):.3g} s {'after' if ahead >= 0 else 'before'} its stamps"
+    rate, stderr = rate_against(*(times[stamped] for times in (stream.stamps, stream.logged)))
+    if abs(rate) < RATE_STDERRS * stderr or abs(rate) < LEAST_RATE:
+        return words
+    sign = "fast" if rate > 0 else "slow"
+    return f"{words}, whose clock runs {abs(rate):.3g} ± {stderr:.1g} ppm {sign} against the recorder's"

@@ -9,7 +9,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import FURTHER, Part, check_log, further_columns, log_of_parts, on_one_clock
-from ftbias_jax.io.clock import as_stamps, later, put_in_order, rows_at_rate, stamps_of
+from ftbias_jax.io.clock import as_stamps, on_right_clock, put_in_order, rows_at_rate, stamps_of
 from ftbias_jax.io.log import Log, Repairs
 from ftbias_jax.io.tables.array_files import load_arrays, load_hdf5
 from ftbias_jax.io.tables.columns import Columns, choose_columns, named_columns
@@ -88,7 +88,7 @@ def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
     counted = rows_at_rate(next(iter(further.values())), setup.log)
     clock = next((name for name in ("t", "t_wrench", "t_joints") if name in arrays), "")
     t = as_stamps(stamps_of(arrays[clock], setup.log) if counted is None else counted, file=file)
-    return further_columns([(later(t, setup.log.time_offsets.get("wrench", 0.0)), further)], log, setup, file)
+    return further_columns([(on_right_clock(t, setup.log, "wrench"), further)], log, setup, file)
 
 
 def _merged(arrays: Mapping[str, Array], setup: Setup, file: str) -> Log:
@@ -103,7 +103,7 @@ def _merged(arrays: Mapping[str, Array], setup: Setup, file: str) -> Log:
             message = "stands beside t_joints or t_wrench"
             raise LogError(message, file=file, field="t", remedy="keep t, or the stamps of the two streams")
         t = times["t"] if counted is None else counted
-        if not setup.log.time_offsets:
+        if setup.log.one_clock:
             return check_log(
                 t, arrays["q"], wrench, arrays.get("dq"), arrays.get("temperature"), setup=setup, file=file
             )
@@ -117,7 +117,7 @@ def _merged(arrays: Mapping[str, Array], setup: Setup, file: str) -> Log:
         ordered = put_in_order(t, columns, f"samples of the {which}", file=file, field=f"t_{which}")
         parts.append((ordered.t, ordered.columns))
         repairs += ordered.repairs
-    return log_of_parts(on_one_clock(parts, setup.log.time_offsets, file), setup, repairs, file)
+    return log_of_parts(on_one_clock(parts, setup.log, file), setup, repairs, file)
 
 
 def with_pose(arrays: Mapping[str, Array], pose: PoseSetup, file: str) -> dict[str, Array]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import FURTHER, Part, further_columns, log_of_parts
-from ftbias_jax.io.clock import as_stamps, later, put_in_order, rows_at_rate, stamps_of
+from ftbias_jax.io.clock import as_stamps, on_right_clock, put_in_order, rows_at_rate, stamps_of
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.remote import check_links, check_patterns, exists, is_url, opened
 from ftbias_jax.io.ros.choose import choose, refuse_columns, wanted_of
@@ -58,7 +58,7 @@ def read_files(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fa
             quantities = [name for name in QUANTITIES[key] if name == key or name not in setup.log.files]
             with opened(one) as there:
                 found, mended = read_stream(there, quantities, setup_of_file(setup, key), salvage=salvage)
-            parts += [(later(t, setup.log.time_offsets.get(key, 0.0)), arrays) for t, arrays in found]
+            parts += [(on_right_clock(t, setup.log, key), arrays) for t, arrays in found]
             repairs += mended
     if len({t.dtype.kind for t, _ in parts}) > 1:
         parts = [(t * 1e-9 if t.dtype.kind == "i" else t, arrays) for t, arrays in parts]

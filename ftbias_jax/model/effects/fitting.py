@@ -151,6 +151,8 @@ class Fitting(NamedTuple):
     credit: float = 1.0
     """Share of its gain that counts when effects are ranked: under 1, if a structured explanation that is nearly as
     good comes first."""
+    extends: str = ""
+    """Effect that it is a more general form of: it must earn what it has more, or that one stands for both."""
     any_shape: bool = False
     """It can take nearly any shape, so that terms compete with it even where it explains a log."""
     told: Callable[[dict[str, Array], Any], dict[str, Array]] | None = None

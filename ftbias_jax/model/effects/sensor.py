@@ -18,6 +18,8 @@ _LEAK = _LEVER[:, None] / _LEVER[None, :]
 
 _DELAYS = (0.0, 0.05, 0.12, 0.25, 0.45)
 """s; drivers report up to half a second."""
+_RATES, _OFFSETS = (-4000.0, -1500.0, -500.0, 500.0, 1500.0, 4000.0), (0.0, 0.12, 0.3)
+"""ppm; s at the start of the log, as of delays."""
 _CUTOFFS = tuple(1 / (2 * np.pi * lag) for lag in (0.008, 0.02, 0.04, 0.08, 0.16, 0.32))
 """Hz, of filters with these time constants, s."""
 _PASSED = Coordinate(INVERSE, upper=1.6e3)
@@ -53,6 +55,11 @@ def low_pass(values: EffectValues, signals: Signals, wrench: Array) -> Array:
 def time_delay(values: EffectValues, signals: Signals, wrench: Array) -> Array:
     """The sample with stamp t shows the wrench of t - delay."""
     return delayed(signals.t, wrench, values["delay"])
+
+
+def clock_drift(values: EffectValues, signals: Signals, wrench: Array) -> Array:
+    """The wrench's clock runs fast by so many ppm: the wrench is older than its stamp, the more the later it is."""
+    return delayed(signals.t, wrench, values["offset"] + 1e-6 * values["rate"] * signals.t)
 
 
 EFFECTS = (
@@ -152,6 +159,32 @@ DELAY = (
             Twin("tool_flexibility", False, "accelerate sharply: a flexible tool rings"),
         ),
         statement=amount("the wrench is {value} ms {sign} against the joints", "delay", 1e3, ("late", "early")),
+    ),
+    Effect(
+        "clock_drift",
+        "timing",
+        (
+            Parameter(
+                "rate",
+                "ppm",
+                "how fast the clock of the wrench's stamps runs against that of the joints'",
+                **within((), -2e4, 2e4, 0, 500.0, starts=_RATES),
+            ),
+            Parameter(
+                "offset",
+                "s",
+                "age of the wrench at its stamp when the log begins; negative = the joints are late",
+                **within((), -1, 2, 0, 0.01, optional=True, starts=_OFFSETS),
+            ),
+        ),
+        "the stamps of wrench and joint states are of clocks that run at different rates",
+        "stamp both streams with one clock, or state wrench_rate in [log.clocks]",
+        reading=clock_drift,
+        fit=Fitting(Grid(), form_error=0.005, extends="time_delay"),
+        twins=(Twin("time_delay", False, "record for longer: this delay grows"),),
+        statement=amount(
+            "the wrench's clock runs {value} ppm {sign} against the joints'", "rate", 1.0, ("fast", "slow")
+        ),
     ),
 )
 """Acts on everything the sensor measures."""

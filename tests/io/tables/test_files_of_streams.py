@@ -112,6 +112,25 @@ def test_a_clock_that_differs_by_a_constant_is_put_right(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".csv", ".mcap"])
+def test_the_rate_of_the_wrenchs_clock_is_taken_off_in_every_format(tmp_path, suffix):
+    t_joints, q, _, w = streams()
+    stated = {"robot": {"model": "ur5e"}, "sensor": {"noise_std": 0.1}, "log": {"clocks": {"wrench_rate": 5000.0}}}
+    if suffix == ".mcap":
+        messages = joints(t_joints, q) + [Wrench(int(s), tuple(x)) for s, x in zip(t_joints, w, strict=True)]
+        write_recording(tmp_path / "log.mcap", messages)
+    else:
+        write(tmp_path / f"log{suffix}", {"t": (t_joints - START) * 1e-9, "q": q, "wrench": w})
+    setup = parse_setup(stated)
+    log = read_log(tmp_path / f"log{suffix}", setup)
+    since = (t_joints - t_joints[0]) * 1e-9
+    np.testing.assert_allclose(log.t[np.isfinite(log.q[:, 0])], since, atol=1e-9)
+    np.testing.assert_allclose(log.t[np.isfinite(log.wrench[:, 0])], 0.995 * since, atol=2e-9)
+    assert "wrench_rate = 5000.0" in dump_setup(setup)
+    with pytest.raises(SetupError, match=r"log\.clocks\.wrench_rat.*did you mean 'wrench_rate'"):
+        parse_setup(stated | {"log": {"clocks": {"wrench_rat": 5.0}}})
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".csv", ".mcap"])
 def test_offsets_of_one_file_move_a_stream_against_the_other(tmp_path, suffix):
     t_joints, q, t_wrench, w = streams()
     stated = {"robot": {"model": "ur5e"}, "sensor": {"noise_std": 0.1}, "log": {"time_offsets": {"wrench": 0.003}}}

@@ -8,7 +8,7 @@ from ftbias_jax.model.effects.catalogue import CATALOGUE, check_values, complete
 NAMES = """
 tool_mass tool_com tool_inertia gravity_tilt mount_rotation encoder_offset gain crosstalk time_delay low_pass saturation
 quantisation hysteresis noise_level outliers warmup bias_jump temperature_drift cable contact tool_flexibility
-stamp_jitter dropped_samples vibration
+stamp_jitter dropped_samples vibration clock_drift
 """
 
 
