@@ -32,6 +32,7 @@ GIVEN = {
     "cable": {},
     "tool_flexibility": {},
     "time_delay": {"delay": 0.03},
+    "clock_drift": {"rate": 2000.0, "offset": 0.01},
     "low_pass": {"cutoff": 3.0},
     "stamp_jitter": {"std": 0.01},
     "saturation": {},
