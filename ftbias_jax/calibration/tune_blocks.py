@@ -81,7 +81,7 @@ def tune_in_blocks(
         params with the noise, and the fit of sigma_Q if it was asked for.
     """
     dtype = params.theta.dtype
-    std, time = _pooled([log.noise for log in logs])
+    std, time = pooled([log.noise for log in logs])
     bias = params.bias._replace(correlated_std=jnp.asarray(std, dtype), correlated_time=jnp.asarray(time, dtype))
     levels = [log.noise.vibration.level for log in logs if log.noise.vibration is not None]
     if "wrench_std" in wanted and levels:
@@ -91,7 +91,7 @@ def tune_in_blocks(
     params = params._replace(bias=bias)
     if "density" not in wanted:
         return params, {}
-    series = [_as_series(log, sensor, params) for log in logs]
+    series = [as_series(log, sensor, params) for log in logs]
     longest = max(len(each.t) for each in series)
     # The variance of a block's mean stands where the joints' share does; the sensor's own is in it.
     silent = params._replace(bias=bias._replace(wrench_variance=jnp.zeros_like(bias.wrench_variance)))
@@ -125,7 +125,7 @@ def _unseen_nats(before: Params, params: Params, log: LogInBlocks, share: float)
     moving = 0.0 if shaking is None else np.asarray(bias_filter.white_share(bias, shaking), float)
     white = np.asarray(blocks.stated - blocks.shaking) + sensor + moving
     stated = LogInBlocks(blocks._replace(stated=white), noise._replace(vibration=None))
-    t, y, variance, prior_std = _as_series(stated, sensor, params)
+    t, y, variance, prior_std = as_series(stated, sensor, params)
     std = np.zeros(6) if bias.correlated_std is None else np.asarray(bias.correlated_std, float)
     time = np.ones(6) if bias.correlated_time is None else np.asarray(bias.correlated_time, float)
     rate = None if bias.drift_time is None else 1 / np.asarray(bias.drift_time, float)[None]
@@ -167,7 +167,7 @@ def _with_drift(fit: Fit, drift: Drift, given: Drift) -> Fit:
     )
 
 
-def _pooled(noises: Sequence[LogNoise]) -> tuple[Array, Array]:
+def pooled(noises: Sequence[LogNoise]) -> tuple[Array, Array]:
     """(6,) standard deviation and correlation time: medians over the logs; 0 and 1 s where most logs are white."""
     found = [noise.slow for noise in noises if noise.slow is not None]
     std = np.array([slow.std for slow in found] + [np.zeros(6)] * (len(noises) - len(found)))
@@ -177,7 +177,7 @@ def _pooled(noises: Sequence[LogNoise]) -> tuple[Array, Array]:
     return np.median(std, axis=0), np.array(typical)
 
 
-def _as_series(log: LogInBlocks, sensor: Array, params: Params) -> Series:
+def as_series(log: LogInBlocks, sensor: Array, params: Params) -> Series:
     """A log in blocks, without those in contact, and without what the prior expects of the bias."""
     blocks, noise = log.blocks, log.noise
     seconds = float(np.median(np.diff(blocks.t))) if len(blocks.t) > 1 else 1.0

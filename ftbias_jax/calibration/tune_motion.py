@@ -25,6 +25,7 @@ from ftbias_jax.filtering.fast.scan import innovations
 from ftbias_jax.filtering.noise.vibration import Vibration
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.process_models import bias_model
+from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.own_effects import not_shown
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
@@ -32,6 +33,8 @@ from ftbias_jax.types import Sample
 
 MOST_SAMPLES = 1 << 16
 """Of all logs together, each from its beginning on: they tell a variance to a percent, and more would take minutes."""
+LEAST_SPEED = next(each.lower for each in CATALOGUE[VIBRATION].parameters if each.name == "speed")
+"""rad/s."""
 WILD = 6.0
 """Standard deviations of a sample that is no noise of the motion, at what the blocks show: it does not count."""
 
@@ -87,6 +90,8 @@ def fit_motion(
         start[VIBRATION_SPEED] = np.array([shown.speed])
     index, logarithms = tied(start, {VIBRATION: "each", VIBRATION_SPEED: "one", **ties})
     fit = as_fit(index, fit_common([(params, log) for log in logs], index, logarithms, Search(report=report)))
+    if VIBRATION_SPEED in fit.values:  # below what a setup states, growth with the speed alone is all there is
+        fit.values[VIBRATION_SPEED] = np.maximum(fit.values[VIBRATION_SPEED], LEAST_SPEED)
     return with_values(params, fit), fit
 
 

@@ -23,6 +23,7 @@ from ftbias_jax.calibration.noise.fit import Tool, tune_data
 from ftbias_jax.calibration.noise.values import JOINT_NAMES, KINDS, TIES, values_from_setup
 from ftbias_jax.calibration.tune import Fit, tune_joints, tune_wrench
 from ftbias_jax.calibration.tune_blocks import LogInBlocks, held_out_blocks, is_correlated, look_at_each, tune_in_blocks
+from ftbias_jax.calibration.tune_levels import near_the_level
 from ftbias_jax.calibration.tune_motion import shown_vibration, tune_motion
 from ftbias_jax.calibration.tune_result import (
     TuneResult,
@@ -130,7 +131,7 @@ def tune(
     wanted = {name: tie for name, part in ties.items() if part in fit}
     told = partial(report, "wrench")
     search = search._replace(report=told)
-    alone, looked = total is newton.alone, list[LogInBlocks]()
+    alone, looked, written = total is newton.alone, list[LogInBlocks](), [each for each, _ in tools]
     if "data" in fit:
         parts = [Tool(*x) for x in zip(tuned, seen, strict=True)]
         start_values = values_from_setup(setup)
@@ -139,7 +140,12 @@ def tune(
     elif wanted:
         counts = [max(1, round((1 - hold_out) * len(log.t))) for log in logs]
         begun = [log._replace(**params_for_log.rows_of(log, 0, n)) for log, n in zip(logs, counts, strict=True)]
-        looked = look_at_each(params, begun, options) if alone else []
+        if alone:
+            tuned = [near_the_level(tuned[0], begun, wanted, options)]
+            looked = look_at_each(tuned[0], begun, options)
+            if "density" in wanted:  # where the logs leave it open, its level is written
+                level = np.asarray(tuned[0].bias.density, float)
+                written = [replace(setup, bias=replace(setup.bias, noise_density=level))]
         if is_correlated(looked):
             params, found = tune_in_blocks(tuned[0], looked, tie, list(wanted), told)
             fits |= found
@@ -158,7 +164,7 @@ def tune(
     setups = [
         [
             replace(with_noise(each, params, found), comments={**each.comments, **comments_of(found)})
-            for (each, _), params in zip(tools, tuned, strict=True)
+            for each, params in zip(written, tuned, strict=True)
         ]
         for tuned, found in candidates
     ]

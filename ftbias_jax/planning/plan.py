@@ -111,7 +111,9 @@ def plan(
     checked = motion_at(times(duration), duration, first, coefficients)
     used = used_shares(limits_of(setup, first, 0.0)[0], first, checked)
     told = Options(to_find, duration, rate, margin, seed)
-    return Plan(setup, told, asked, motion, expected, used, assumed, tuple(logs), time.monotonic() - began)
+    return Plan(
+        setup, told, asked, motion, coefficients, expected, used, assumed, tuple(logs), time.monotonic() - began
+    )
 
 
 def check_arguments(setup: Setup, names: tuple[str, ...], duration: float, rate: float, margin: float) -> None:

@@ -14,9 +14,12 @@ from ftbias_jax.io.write import writer
 from ftbias_jax.io.write.provenance import Provenance, provenance, source_of
 from ftbias_jax.io.write.selection import About
 from ftbias_jax.planning.asked import Asked
+from ftbias_jax.planning.controllers import FORMATS, check_controllers
 from ftbias_jax.planning.forecast import Forecast
 from ftbias_jax.planning.limits import NOT_KNOWN, QUANTITIES
-from ftbias_jax.planning.shape import Motion
+from ftbias_jax.planning.page import plan_page
+from ftbias_jax.planning.shape import Motion, motion_at
+from ftbias_jax.setup.save import write_text
 from ftbias_jax.setup.types import Setup
 
 
@@ -42,6 +45,8 @@ class Plan:
     asked: tuple[Asked, ...]
     motion: Motion
     """At the rate that was asked for."""
+    coefficients: np.ndarray
+    """(n, M) of the joints' Fourier series."""
     forecast: Forecast
     used: np.ndarray
     """(4, n) largest share of its position, velocity, acceleration and jerk that each joint uses, at 1 kHz."""
@@ -51,6 +56,14 @@ class Plan:
     """At hand already."""
     seconds: float = 0.0
     """That it took."""
+
+    def at(self, t: np.ndarray) -> Motion:
+        """The motion at any times t (T,) s; before and after it the arm stands still.
+
+        Args:
+            t: (T,) s since its start.
+        """
+        return motion_at(np.asarray(t, float), self.options.duration, self.motion.q[0], self.coefficients)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the motion as a table with t, q0.., dq0.., ddq0.. in s, rad, rad/s, rad/s^2.
@@ -67,6 +80,31 @@ class Plan:
     def to_json(self, path: str | os.PathLike[str]) -> None:
         """Write what the motion will tell, and the limits it uses, as JSON."""
         write_json(path, self.plain() | {"provenance": self.provenance})
+
+    def to_html(self, path: str | os.PathLike[str]) -> None:
+        """Write a page: what the motion will tell, its path, and the limits it uses.
+
+        Args:
+            path: of the page.
+
+        Raises:
+            OutputError: the file cannot be written there.
+        """
+        write_text(path, plan_page(self))
+
+    def save_for(self, path: str | os.PathLike[str], format: str) -> None:
+        """Write the motion as a robot's controller takes it.
+
+        Args:
+            path: the file.
+            format: "ros", a JointTrajectory as YAML; "ur", URScript; "franka", positions for every millisecond as JSON.
+
+        Raises:
+            UsageError: there is no such format, or the arm has not the joints of such a robot. OutputError: the file
+                cannot be written there.
+        """
+        check_controllers(self.setup, [format])
+        write_text(path, FORMATS[format](self))
 
     @property
     def provenance(self) -> Provenance:

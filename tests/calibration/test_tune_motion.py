@@ -81,6 +81,14 @@ def test_weights_speed_and_the_rest_come_back_within_their_errors(truth):
     np.testing.assert_allclose(jnp.sqrt(fitted.bias.wrench_variance), fit.values["wrench_std"])
 
 
+def test_a_speed_below_the_least_that_a_setup_states_is_that_one(truth):
+    """Growth with the speed alone: the variance is the same from any bend far below the speeds of the log."""
+    log = jax.tree.map(lambda x: x[:, ::4], moving_log(truth, 2, corner=1e-6))
+    steep = shown(1.0, 1e-5)._replace(per_speed=WEIGHTS * CORNER / 1e-5)
+    fitted, fit = tune_motion.fit_motion(truth, [log], steep, {})
+    assert fit.values["vibration_speed"][0] == fitted.bias.vibration_speed >= tune_motion.LEAST_SPEED
+
+
 def test_the_log_that_shows_it_best_is_where_to_start_and_a_setup_without_joints_cannot_state_it():
     setup = ft.parse_setup(tomllib.loads(small_archive.SETUP), "setup.toml")
     best, other = shown(1.0, 0.2), shown(0.5, None)._replace(gain=20.0)

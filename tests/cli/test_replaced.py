@@ -35,6 +35,10 @@ OUTPUTS = {
     ("simulate", "truth"): "simulate --setup setup.toml -o new.npz --truth {}.json",
     ("plan", "output"): "plan --setup setup.toml -o {}.csv",
     ("plan", "json"): "plan --setup setup.toml -o new.csv --json {}.json",
+    ("plan", "html"): "plan --setup setup.toml -o new.csv --html {}.html",
+    ("plan", "ros"): "plan --setup setup.toml -o new.csv --ros {}.yaml",
+    ("plan", "ur"): "plan --setup setup.toml -o new.csv --ur {}.script",
+    ("plan", "franka"): "plan --setup setup.toml -o new.csv --franka {}.json",
     ("diagnose", "json"): f"diagnose {LOG} --json {{}}.json",
     ("diagnose", "html"): f"diagnose {LOG} --html {{}}.html",
     ("diagnose", "output"): f"diagnose {LOG} --apply -o {{}}.toml",
@@ -45,7 +49,7 @@ OUTPUTS = {
 """Command and option -> words with the place of the output's name."""
 CHECKED_ELSEWHERE = {("demo", "output")}
 """A folder that must be new or a demonstration's (test_outputs.py)."""
-NAMES = {"output", "json", "html", "plot", "offsets", "truth", "out"}
+NAMES = {"output", "json", "html", "plot", "offsets", "truth", "out", "ros", "ur", "franka"}
 
 
 @pytest.fixture(autouse=True)

@@ -139,3 +139,10 @@ def test_what_cannot_be_planned_is_said(setup, asked, words):
     with pytest.raises(UsageError) as caught:
         ft.plan(setup, **asked)
     assert words in str(caught.value)
+
+
+def test_it_is_known_at_any_time_and_stands_still_before_and_after(made):
+    np.testing.assert_allclose(made.at(made.motion.t[::7]).ddq, made.motion.ddq[::7], atol=1e-9)
+    outside = made.at(np.array([-1.0, DURATION + 1]))
+    np.testing.assert_allclose(outside.q, made.motion.q[[0, -1]], atol=1e-12)
+    np.testing.assert_allclose(outside.dq, 0, atol=1e-9)

@@ -14,12 +14,14 @@ from ftbias_jax.io import read_log
 from ftbias_jax.io.atomic import refuse_link
 from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.io.write import writer, written
-from ftbias_jax.io.write.ours import LOG, PLAN, RESULT
+from ftbias_jax.io.write.ours import EXPORT, LOG, PAGE, PLAN, RESULT
 from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import load_setup
 
 GENERATED = ("sines", "moves")
 """Motions that are not read from a log."""
+CONTROLLERS = {"ros": ".yaml", "ur": ".script", "franka": ".json"}
+"""Option of ``plan`` -> suffix of its file, as ``planning.controllers`` knows them."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -59,15 +61,17 @@ def run(arguments: argparse.Namespace) -> int:
 def plan_motion(arguments: argparse.Namespace) -> int:
     """``ftbias plan``: plan a motion and write it; 3 if samples of a log were lost, else 0."""
     writer(arguments.output)
-    outputs = {"--output": arguments.output, "--json": arguments.json}
+    outputs = {f"--{name}": getattr(arguments, name) for name in ("output", "json", "html", *CONTROLLERS)}
+    suffixes = {"--json": ".json", "--html": ".html"} | {f"--{name}": suffix for name, suffix in CONTROLLERS.items()}
     for name, path in outputs.items():
         if path:
-            check_writable(path, ".json" if name == "--json" else "", name)
+            check_writable(path, suffixes.get(name, ""), name)
             refuse_link(path)
     setup = setup_of(arguments, with_tool=True)
     paths = expand(arguments.logs, setup.log.files) if arguments.logs else []
     read = (*inputs(paths, setup.log.files), arguments.diagnosis, *setup.files)
-    check_outputs(outputs, read, {"--output": RESULT, "--json": PLAN}, arguments.force)
+    kinds = {"--output": RESULT, "--json": PLAN, "--html": PAGE} | {f"--{name}": EXPORT for name in CONTROLLERS}
+    check_outputs(outputs, read, kinds, arguments.force)
     with Stages("planning") as stages:
         stages("reading")
         logs = [read_log(path, setup, raw=True) for path in paths]
@@ -76,8 +80,12 @@ def plan_motion(arguments: argparse.Namespace) -> int:
 
         prepare_jax()
         from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
+        from ftbias_jax.planning.controllers import check_controllers
         from ftbias_jax.planning.diagnosed import Diagnosed, read_diagnosis
         from ftbias_jax.planning.plan import plan
+
+        wanted = {name: getattr(arguments, name) for name in CONTROLLERS if getattr(arguments, name)}
+        check_controllers(setup, wanted)
 
         setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
         found = Diagnosed({}, "")
@@ -99,7 +107,12 @@ def plan_motion(arguments: argparse.Namespace) -> int:
     made.save(arguments.output)
     if arguments.json:
         made.to_json(arguments.json)
-    print(f"wrote {', '.join(path for path in (*written(arguments.output), arguments.json) if path)}")
+    if arguments.html:
+        made.to_html(arguments.html)
+    for name, path in wanted.items():
+        made.save_for(path, name)
+    told = (*written(arguments.output), arguments.json, arguments.html, *wanted.values())
+    print(f"wrote {', '.join(path for path in told if path)}")
     return tell_repairs(zip(paths, (log.repairs for log in logs), strict=True))
 
 

@@ -154,6 +154,13 @@ OF_LOGS = {
             option("--margin", "SHARE", "of every limit, left unused (%(default)s)", type=share, default=0.1),
             output("MOTION.csv", "where to write the motion, .csv, .npz or .parquet", required=True),
             option("--json", "PLAN.json", "also write what it will tell, for programs"),
+            option("--html", "PLAN.html", "also write a page: paths, limits, standard errors"),
+            group(
+                "for controllers",
+                option("--ros", "FILE.yaml", "also write a JointTrajectory of ROS 2"),
+                option("--ur", "FILE.script", "also write a URScript that follows it by servoj"),
+                option("--franka", "FILE.json", "also write joint positions and velocities for every millisecond"),
+            ),
             SEED,
             OWN_EFFECTS,
             OUTSIDE,

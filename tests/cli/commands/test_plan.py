@@ -26,7 +26,15 @@ def calls(tmp_path, monkeypatch):
         options = Options(to_find, asked["duration"], asked["rate"], asked["margin"], asked["seed"])
         motion = Motion(np.arange(3.0), *[still] * 4)
         return Plan(
-            setup, options, (), motion, told, np.full((4, still.shape[1]), 0.5), ("jerk: any",), tuple(asked["logs"])
+            setup,
+            options,
+            (),
+            motion,
+            still.T[:, :1],
+            told,
+            np.full((4, still.shape[1]), 0.5),
+            ("jerk: any",),
+            tuple(asked["logs"]),
         )
 
     module = ModuleType("ftbias_jax.planning.plan")
@@ -60,12 +68,22 @@ def test_a_diagnosis_says_what_to_separate(calls):
     assert calls[0][0] == "tool_mass:gain"
 
 
+def test_the_page_and_a_trajectory_are_written_if_asked_for(calls, capsys):
+    command = "plan --setup setup.toml -o motion.csv --html plan.html --ros motion.yaml"
+    assert main(command.split()) == 0
+    assert "wrote motion.csv, motion.csv-metadata.json, plan.html, motion.yaml" in capsys.readouterr().out
+    with open("motion.yaml") as file:
+        assert "trajectory_msgs/msg/JointTrajectory" in file.readline()
+    assert main(command.split()) == 0, "its own outputs are replaced"
+
+
 @pytest.mark.parametrize(
     ("more", "code"),
     [
         ("-o log.npz", 1),
         ("-o motion.txt", 2),
         ("-o motion.csv --json plan.txt", 2),
+        ("-o motion.csv --ur motion.script", 2),
         ("-o motion.csv --diagnosis nowhere.json", 2),
         ("-o motion.csv --from nowhere.npz", 1),
     ],

@@ -1,0 +1,220 @@
+#!/usr/bin/env python3
+"""What planned motions tell, on logs by MuJoCo: python run.py [forecast|motions|twins ...]; all three by default."""
+
+import argparse
+import json
+import time
+from functools import partial
+from pathlib import Path
+
+import jax
+import numpy as np
+from cases import (
+    DURATION,
+    RATE,
+    fitted,
+    held_out_nats,
+    home_in,
+    make_case,
+    make_effect,
+    make_log,
+    make_scene,
+    of_plan,
+    values_of,
+    wrong_tool,
+)
+from common import keep, rounded
+from motions import all_motions
+
+import ftbias_jax as ft
+from ftbias_jax.errors import UsageError
+
+TOOLS, EFFECTS = 30, ("gain", "tool_com", "gravity_tilt", "encoder_offset", "time_delay", "tool_mass")
+"""Cases of the forecast: the tool, and as many over these effects."""
+FORMS = {"tool_mass": "point_at_com", "gain": "scattered", "encoder_offset": "constant", "time_delay": "constant"}
+TRUE = {"gain": "gain", "tool_com": "com", "gravity_tilt": "gravity", "time_delay": "delay", "tool_mass": "mass"}
+"""How the generator calls the parameter of an effect."""
+REPEATS, ARMS = 8, 6
+"""Logs of each motion, and robots that it is tried on."""
+TWINS = (
+    ("time_delay", "low_pass"),
+    ("low_pass", "time_delay"),
+    ("gravity_tilt", "mount_rotation"),
+    ("mount_rotation", "gravity_tilt"),
+    ("gravity_tilt", "encoder_offset"),
+    ("tool_com", "gain"),
+    ("tool_inertia", "tool_flexibility"),
+    ("hysteresis", "low_pass"),
+)
+"""The true cause, and what it is taken for; the catalogue says that a measurement separates them."""
+WANTED, SEEDS = 20, 12
+"""Cases that the standard motion leaves as twins, and robots that are tried for each pair."""
+FIVE_SIGMA = 12.5
+
+
+def forecast_case(seed):
+    """Errors of what is identified over the standard errors that the plan expected."""
+    name = "tool" if seed < TOOLS else EFFECTS[seed % len(EFFECTS)]
+    belief, setup = make_case(seed)
+    setup, home = home_in(setup, belief)
+    if name == "tool":
+        setup = wrong_tool(setup, belief)
+    made = ft.plan(setup, name, duration=DURATION, rate=RATE, start=home, seed=seed)
+    scene, told = make_scene(belief, of_plan(made), seed), made.forecast
+    if name == "tool":
+        found = ft.identify_tool(setup, make_log(setup, scene, [], seed)).tool
+        inertia = belief.tool.inertia[np.triu_indices(3)]
+        truth = np.concatenate([[belief.tool.mass], belief.tool.com, inertia])
+        ratio = (found.values - truth) / told.plan
+    else:
+        effect = make_effect(name, FORMS.get(name, "any_direction"), 0, scene, seed)
+        problem, fit = fitted(setup, [make_log(setup, scene, [effect], seed)], name)
+        values = values_of(problem, fit, name)
+        if name == "encoder_offset":
+            truth, value = np.zeros(len(home)), values["offset"]
+            truth[effect.parameters["joint"] - 1] = effect.parameters["offset"]
+        else:
+            truth, value = (
+                np.ravel(effect.parameters[TRUE[name]]),
+                np.concatenate([np.ravel(x) for x in values.values()]),
+            )
+        ratio = (value - truth) / told.plan
+    largest = made.used.max(1)
+    return {"name": name, "arm": belief.arm.name, "ratios": ratio[np.isfinite(ratio)], "shares": largest}
+
+
+def forecasts(count):
+    """Over all cases: the standard deviation of the errors in units of the forecast."""
+    cases = []
+    for seed in range(count):
+        began = time.monotonic()
+        cases.append(forecast_case(seed))
+        ratios = cases[-1]["ratios"]
+        print(
+            seed,
+            cases[-1]["name"],
+            cases[-1]["arm"],
+            np.round(ratios, 1),
+            f"{time.monotonic() - began:.0f} s",
+            flush=True,
+        )
+
+    def spread(some):
+        together = np.concatenate([case["ratios"] for case in some])
+        return {"cases": len(some), "numbers": len(together), "std": together.std(), "rms": (together**2).mean() ** 0.5}
+
+    names = dict.fromkeys(case["name"] for case in cases)
+    return {
+        "all": spread(cases),
+        "by_name": {name: spread([case for case in cases if case["name"] == name]) for name in names},
+        "by_arm": {arm: spread([c for c in cases if c["arm"] == arm]) for arm in {c["arm"] for c in cases}},
+        "largest_share_of_a_limit": float(np.max([case["shares"] for case in cases])),
+    }
+
+
+def motions_case(seed):
+    """Of every motion: standard errors expected, errors of identified tools, and of the bias at the end."""
+    belief, setup = make_case(100 + seed)
+    setup, home = home_in(setup, belief)
+    wrong = wrong_tool(setup, belief)
+    truth = np.concatenate([[belief.tool.mass], belief.tool.com, belief.tool.inertia[np.triu_indices(3)]])
+    rows = {}
+    for name, (motion, expected, share) in all_motions(wrong, home, belief.arm.span, seed).items():
+        errors, bias = [], []
+        for repeat in range(REPEATS):
+            scene = make_scene(belief, motion, 1000 * repeat + seed)
+            found = ft.identify_tool(wrong, make_log(wrong, scene, [], 1000 * repeat + seed)).tool
+            errors.append(found.values - truth)
+            bias.append(found.bias - scene.bias[-1])
+        rms, of_bias = (np.sqrt(np.mean(np.square(x), 0)) for x in (errors, bias))
+        rows[name] = {"expected": expected, "rms": rms, "bias_rms": of_bias, "share": share}
+        print(seed, belief.arm.name, name, np.exp(np.log(rms / rows["planned"]["rms"]).mean()).round(2), flush=True)
+    return belief.arm.name, rows
+
+
+def motions():
+    """Geometric means over the ten parameters and the robots, as multiples of the planned motion's."""
+    cases = [motions_case(seed) for seed in range(ARMS)]
+    names = cases[0][1]
+
+    def against(kind, name):
+        each = [np.exp(np.log(rows[name][kind] / rows["planned"][kind]).mean()) for _, rows in cases]
+        return {"mean": float(np.exp(np.log(each).mean())), "least": min(each), "most": max(each)}
+
+    kinds = ("expected", "rms", "bias_rms")
+    return {
+        "arms": [arm for arm, _ in cases],
+        "times_the_planned": {name: {kind: against(kind, name) for kind in kinds} for name in names},
+        "largest_share_of_a_limit": {name: float(max(rows[name]["share"] for _, rows in cases)) for name in names},
+    }
+
+
+def separated(setup, belief, motion, pair, scale, seed):
+    """nats by which a held-out log is likelier with the true cause than with its twin, both fitted to another log."""
+    logs = []
+    for noise in (seed, seed + 500):
+        scene = make_scene(belief, motion, noise)
+        form = FORMS.get(pair[0]) or {"mount_rotation": "sensor_and_tool", "low_pass": "first_order"}.get(pair[0])
+        form = form or {"hysteresis": "play", "tool_inertia": "larger"}.get(pair[0], "any_direction")
+        logs.append(make_log(setup, scene, [make_effect(pair[0], form, 0, scene, seed)], noise))
+    held_out, _ = fitted(setup, logs[1:], pair[0])
+    return np.subtract(*(held_out_nats(held_out, fitted(setup, logs[:1], name)[1]) for name in pair))
+
+
+def twins_case(pair, seed):
+    """nats after the standard motion and after the planned one; None where the planner refuses."""
+    belief, setup = make_case(200 + seed)
+    setup, home = home_in(setup, belief)
+    standard = all_motions(setup, home, belief.arm.span, seed, only=("moves",))["moves"][0]
+    before = separated(setup, belief, standard, pair, 1.0, seed)
+    if before >= FIVE_SIGMA:
+        return before, None, None
+    try:
+        made = ft.plan(setup, ":".join(pair), duration=DURATION, rate=RATE, start=home, seed=seed)
+    except UsageError as error:
+        return before, str(error), None
+    (expected,) = made.forecast.separates.values()
+    return before, separated(setup, belief, of_plan(made), pair, 1.0, seed), expected
+
+
+def twins():
+    """How many of the cases that the standard motion leaves as twins the planned motion separates."""
+    rows, found = [], 0
+    for seed in range(SEEDS):
+        for pair in TWINS:
+            if found >= WANTED:
+                break
+            before, after, expected = twins_case(pair, seed)
+            if after is not None:
+                found += not isinstance(after, str)
+                rows.append({"pair": ":".join(pair), "before": before, "after": after, "expected": expected})
+            print(seed, pair, before, after, expected, flush=True)
+    told = [row for row in rows if not isinstance(row["after"], str)]
+    return {
+        "left_as_twins": len(told),
+        "separated": sum(row["after"] >= FIVE_SIGMA for row in told),
+        "refused": sum(isinstance(row["after"], str) for row in rows),
+        "cases": rows,
+    }
+
+
+def plain(x):
+    """Numbers for a small file."""
+    if isinstance(x, dict):
+        return {key: plain(value) for key, value in x.items()}
+    if isinstance(x, (list, tuple)):
+        return [plain(value) for value in x]
+    return x if x is None or isinstance(x, (str, int)) else rounded(np.asarray(x), 3)
+
+
+PARTS = {"forecast": partial(forecasts, 2 * TOOLS), "motions": motions, "twins": twins}
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("parts", nargs="*", choices=[[], *PARTS], default=[])
+    jax.config.update("jax_enable_x64", True)
+    path = Path(__file__).with_name("result.json")
+    for part in parser.parse_args().parts or PARTS:
+        found = plain(PARTS[part]())
+        before = json.loads(path.read_text())["result"] if path.exists() else {}
+        keep(__file__, before | {part: found})

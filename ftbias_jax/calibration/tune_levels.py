@@ -1,0 +1,98 @@
+"""Where a fit of the noise starts: at the level that the logs themselves show, whatever the setup states.
+
+A stated noise that is wrong by orders of magnitude decides what a log seems to show: beside a drift 500 times too small
+every change of the bias is a slow error, beside one 500 times too large every slow error is drift, and each view is a
+maximum of the likelihood that no slope leaves. So the sensor's noise is first taken from the scatter within blocks, and
+the drift from the best of several levels, each with the slow errors that the logs show beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.calibration.judgement import WORSE
+from ftbias_jax.calibration.tune_blocks import LogInBlocks, as_series, look_at_each, pooled
+from ftbias_jax.calibration.tune_drift import LEAST_GAIN, Drift, score
+from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.io.log import Log
+from ftbias_jax.model.params import Params
+from ftbias_jax.types import Array
+
+LEVELS = (1.0, 0.1, 10.0, 0.01, 100.0, 1e-3, 1e3)
+"""Of the stated sigma_Q, the stated one first."""
+FAR = 4.0
+"""A stated standard deviation within this factor of what the logs show is no mistake: the fit goes on from it."""
+PRICE = LEAST_GAIN / 2
+"""nats that a number must gain: another level than the stated one is one number, slow errors beside it are two."""
+MOST_LOGS = 8
+"""Taken evenly: they show a level to far less than FAR."""
+ROUNDS = 4
+"""Of the sensor's noise: what one look finds is bounded."""
+
+
+def near_the_level(params: Params, logs: Sequence[Log], wanted: Collection[str], options: Options) -> Params:
+    """Parameters whose noise of sensor and drift is at the level that the logs show; unchanged where it is.
+
+    Args:
+        params: with the likeliest noise of the joints.
+        logs: what is fitted of each.
+        wanted: some of "density" and "wrench_std"; what is not fitted stays as it is stated.
+        options: of the pipeline.
+    """
+    logs = logs[:: -(-len(logs) // MOST_LOGS)]
+    if "wrench_std" in wanted:
+        for level_of in (_of_all_blocks, *[_at_rest] * ROUNDS):
+            stated = np.asarray(params.bias.wrench_variance, float)
+            level = level_of(look_at_each(params, logs, options), stated)
+            far = (level > FAR**2) | (level < FAR**-2)
+            variance = jnp.asarray(np.where(far, level, 1.0) * stated, params.theta.dtype)
+            params = params._replace(bias=params.bias._replace(wrench_variance=variance))
+    return _at_best_drift(params, logs, options) if "density" in wanted else params
+
+
+def _of_all_blocks(looked: Sequence[LogInBlocks], stated: Array) -> Array:
+    """(6,) scatter within the usual block per stated variance: where that is far off, most blocks count as contact."""
+    ratios = np.concatenate([log.blocks.scatter for log in looked]) / stated
+    measured = np.where(np.isfinite(ratios) & (ratios > 0), ratios, np.nan)
+    seen = np.isfinite(measured).any(0)
+    return np.where(seen, np.nanmedian(np.where(seen, measured, 1.0), axis=0), 1.0)
+
+
+def _at_rest(looked: Sequence[LogInBlocks], stated: Array) -> Array:
+    """(6,) variance of the sensor per stated one, the median over the logs; 1 where none is long enough to say."""
+    levels = [log.noise.vibration.level for log in looked if log.noise.vibration is not None]
+    return np.median(levels, axis=0) if levels else np.ones_like(stated)
+
+
+def _at_best_drift(params: Params, logs: Sequence[Log], options: Options) -> Params:
+    """Parameters with the best of LEVELS of sigma_Q on every axis that forecasts no worse than the stated one."""
+    stated = np.asarray(params.bias.density, float)
+    scored = [_scored(_with_density(params, level * stated), logs, options) for level in LEVELS]
+    value, squares = (np.stack(x) for x in zip(*scored, strict=True))
+    value[1:] -= PRICE
+    # A drift that follows the slow errors of a model is likely, and carries the bias away from where it will be.
+    worse = (np.nan_to_num(squares / squares[:1], nan=1.0) > WORSE**2).any(axis=1)
+    best = np.where(worse, -np.inf, value).argmax(0)
+    return _with_density(params, np.array(LEVELS)[best] * stated)
+
+
+def _with_density(params: Params, density: Array) -> Params:
+    return params._replace(bias=params.bias._replace(density=jnp.asarray(density, params.theta.dtype)))
+
+
+def _scored(params: Params, logs: Sequence[Log], options: Options) -> tuple[Array, Array]:
+    """The means of blocks with the slow errors that the logs show beside this drift.
+
+    Returns:
+        (6,) nats, less the price of the slow errors, and (H, 6) N^2, Nm^2 mean squared errors of forecasts.
+    """
+    looked = look_at_each(params, logs, options)
+    std, time = pooled([log.noise for log in looked])
+    sensor = np.asarray(params.bias.wrench_variance, float)
+    density = np.asarray(params.bias.density, float)[None]
+    reverts = np.full((1, 6), np.inf) if params.bias.drift_time is None else np.asarray(params.bias.drift_time)[None]
+    found = score([as_series(log, sensor, params) for log in looked], (std, time), Drift(density, reverts))
+    return found.nats[0] - np.where(std > 0, 2 * PRICE, 0.0), found.squares[:, 0]

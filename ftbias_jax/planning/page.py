@@ -1,0 +1,144 @@
+"""A plan as a page: what it will tell, where it goes, and how much of the limits it uses. Nothing on it moves."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ftbias_jax.diagnosis.report.page import bullets, figure, html_table, section, typeset, whole_page
+from ftbias_jax.diagnosis.report.plots import MAX_BUCKETS
+from ftbias_jax.diagnosis.report.svg import (
+    WIDTH,
+    Axes,
+    band,
+    box,
+    curve,
+    data_range,
+    drawing,
+    escape,
+    frame,
+    label,
+    line,
+    thin,
+    x_axis,
+)
+from ftbias_jax.model.kinematics.screws import sensor_pose
+from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.planning.limits import NOT_KNOWN, QUANTITIES, limits_of
+
+if TYPE_CHECKING:
+    from ftbias_jax.planning.result import Plan
+
+VIEWS = (("from above", 0, 1), ("from the side", 0, 2))
+"""Pictures of the tip's path: axes of the base frame, across and up."""
+PATH_POINTS = 1500
+ROW, NAMES = 24, 100
+"""Drawing units of a bar, and for its name."""
+
+
+def plan_page(plan: Plan) -> str:
+    """The HTML of a plan, one file that loads nothing."""
+    told = plan.forecast
+    head = ["parameter", "this motion"]
+    stds = [told.plan]
+    if told.logs is not None and told.together is not None:
+        head, stds = [*head, "logs at hand", "both"], [*stds, told.logs, told.together]
+    rows = [
+        (f"{name} [{unit}]", *(f"{x[i]:.2g}" if np.isfinite(x[i]) else "not determined" for x in stds))
+        for i, (name, unit) in enumerate(zip(told.labels, told.units, strict=True))
+    ]
+    separates = [
+        f"{escape(name)}: {nats:.1f} nats; five standard deviations are 12.5" for name, nats in told.separates.items()
+    ]
+    cannot = [f"{escape(one.pair)}: {escape(one.why)}" for one in told.cannot]
+    paths = "".join(figure(_path(plan, *view), f"The path of the tip, {view[0]}, base frame.") for view in VIEWS)
+    joints = "".join(figure(_joint(plan, j), "") for j in range(plan.motion.q.shape[1]))
+    asked, seconds = plan.options.to_find, plan.options.duration
+    body = (
+        f"<header><p class='small'>Planned motion</p><h1>{escape(f'{seconds:g} s for {asked}')}</h1></header>"
+        + section("Standard errors to expect", html_table(head, rows) + bullets(separates))
+        + section("What it does not tell", bullets(cannot))
+        + section("What is not known", f"<p>{typeset(NOT_KNOWN)}</p>" + bullets(map(escape, plan.assumed)))
+        + section("Where it goes", f"<div class='grid'>{paths}</div>")
+        + section("How much of the limits it uses", figure(_used(plan), "Largest share over all joints, at 1 kHz."))
+        + section(
+            "The joints", f"<p class='small'>Band: the travel that is allowed.</p><div class='grid'>{joints}</div>"
+        )
+    )
+    return whole_page("Planned motion", body)
+
+
+def tip_path(plan: Plan) -> np.ndarray:
+    """(T, 3) m, base frame: where the tip of the tool goes, or its centre of mass if the setup states no tip."""
+    step = max(1, len(plan.motion.t) // PATH_POINTS)
+    limits, _ = limits_of(plan.setup, plan.motion.q[0], 0.0)
+    arm = params_from_setup(plan.setup).arm
+    rotation, position = (
+        np.asarray(x) for x in jax.jit(jax.vmap(lambda q: sensor_pose(arm, q)))(jnp.asarray(plan.motion.q[::step]))
+    )
+    path: np.ndarray = position + rotation @ limits.points[-1]
+    return path
+
+
+def _path(plan: Plan, name: str, across: int, up: int) -> str:
+    """The path of the tip in one plane of the base frame, with the box and the floor where they are stated."""
+    path, stated = tip_path(plan), plan.setup.limits
+    low, high = (
+        np.zeros(0) if x is None else np.asarray(x)[[across, up]] for x in (stated.box_lower, stated.box_upper)
+    )
+    values = [
+        np.concatenate([path[:, axis], *(corner[k : k + 1] for corner in (low, high))])
+        for k, axis in enumerate((across, up))
+    ]
+    ranges = [data_range(x) for x in values]
+    half = max(b - a for a, b in ranges) / 2  # the same scale both ways
+    x, y = (((a + b) / 2 - half, (a + b) / 2 + half) for a, b in ranges)
+    axes = Axes(x, y, top=24, height=WIDTH - 56)
+    parts = [frame(axes, f"{'xyz'[up]} [m]", x_axis(axes, f"{'xyz'[across]} [m]"))]
+    right, bottom = axes.left + axes.width, axes.top + axes.height
+    heights = [stated.floor] if up == 2 and stated.floor is not None else []
+    for corner in (low, high):
+        heights += corner[1:].tolist()
+        parts += [line(x, axes.top, x, bottom, "reference") for x in axes.across(corner[:1]).tolist()]
+    parts += [line(axes.left, y, right, y, "reference") for y in axes.down(np.array(heights)).tolist()]
+    parts.append(curve(axes, path[:, across], path[:, up], "line-after"))
+    words = f"{name}, from {path.min(0).round(2).tolist()} to {path.max(0).round(2).tolist()} m"
+    return drawing(f"path-{across}{up}", axes.top + axes.height + 36, f"Path of the tip, {name}", words, parts)
+
+
+def _used(plan: Plan) -> str:
+    """Bars of the largest share of each limit."""
+    shares = dict(zip(QUANTITIES, plan.used.max(1).tolist(), strict=True))
+    axes = Axes((0.0, 1.05), (0.0, 1.0), NAMES, 6, WIDTH - NAMES - 50, ROW * len(shares))
+    parts = [x_axis(axes, "share of the limit")]
+    for row, (name, share) in enumerate(shares.items()):
+        y, end = axes.top + row * ROW, float(axes.across(np.array(share)))
+        parts += [
+            label(NAMES - 8, y + 16, name, "end", "name"),
+            box(axes.left, y + 3, end - axes.left, ROW - 6, "fill-after"),
+        ]
+        parts.append(label(end + 4, y + 16, f"{share:.0%}"))
+    one = float(axes.across(np.array(1.0)))
+    parts.append(line(one, axes.top, one, axes.top + axes.height, "reference"))
+    words = "; ".join(f"{name} {share:.0%}" for name, share in shares.items())
+    return drawing("used", axes.top + axes.height + 36, "Shares of the limits", words, parts)
+
+
+def _joint(plan: Plan, joint: int) -> str:
+    """A joint's angle against time within the travel that is allowed."""
+    name, motion = plan.setup.robot.joint_names[joint], plan.motion
+    limits, _ = limits_of(plan.setup, motion.q[0], plan.options.margin)
+    low, high = limits.lower[joint], limits.upper[joint]
+    t, q = motion.t, motion.q[:, joint]
+    axes = Axes((0.0, float(t[-1])), data_range(q, np.array([low, high])), top=24)
+    both = np.array([0.0, t[-1]])
+    parts = [
+        frame(axes, f"{name} [rad]", x_axis(axes, "time [s]")),
+        band(axes, both, np.full(2, low), np.full(2, high), "noise"),
+        curve(axes, *thin(t, q, MAX_BUCKETS), "line-after"),
+    ]
+    words = f"from {q.min():.2f} to {q.max():.2f} rad, allowed from {low:.2f} to {high:.2f}"
+    return drawing(f"joint-{joint}", axes.top + axes.height + 34, f"Joint {name}", words, parts)
