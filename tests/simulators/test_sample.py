@@ -110,3 +110,10 @@ def test_the_command_writes_scenes_sensors_and_ranges(tmp_path, capsys):
     assert json.loads((tmp_path / "out" / "ranges.json").read_text())["parameters"][0] == "tool_mass.mass"
     assert main(list(map(str, words))) == 2
     assert "is not empty" in capsys.readouterr().err
+
+
+def test_a_folder_that_holds_something_is_left_as_it_is(tmp_path, capsys):
+    (tmp_path / "000.xml").write_text("somebody's")
+    assert main(["sample", "found.json", "--setup", "setup.toml", "-o", str(tmp_path)]) == 2
+    assert "is not empty" in capsys.readouterr().err
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["somebody's"]
