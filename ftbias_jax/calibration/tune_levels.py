@@ -26,7 +26,7 @@ LEVELS = (1.0, 0.1, 10.0, 0.01, 100.0, 1e-3, 1e3)
 FAR = 4.0
 """A stated standard deviation within this factor of what the logs show is no mistake: the fit goes on from it."""
 PRICE = LEAST_GAIN / 2
-"""nats that each of the two numbers of slow errors must gain; another level than the stated one must gain LEAST_GAIN."""
+"""nats that each of the two numbers of slow errors must gain; a level that is not the stated one, LEAST_GAIN."""
 MOST_LOGS = 8
 """Taken evenly: they show a level to far less than FAR."""
 ROUNDS = 4

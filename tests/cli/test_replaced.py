@@ -43,7 +43,7 @@ OUTPUTS = {
     (
         "validate-sim",
         "json",
-    ): "validate-sim log.npz --setup setup.toml --found setup.toml --mended setup.toml --json {}.json",
+    ): f"validate-sim {LOG} --found setup.toml --mended setup.toml --json {{}}.json",
     ("diagnose", "json"): f"diagnose {LOG} --json {{}}.json",
     ("diagnose", "html"): f"diagnose {LOG} --html {{}}.html",
     ("diagnose", "output"): f"diagnose {LOG} --apply -o {{}}.toml",
