@@ -172,7 +172,7 @@ def pooled(noises: Sequence[LogNoise]) -> tuple[Array, Array]:
     found = [noise.slow for noise in noises if noise.slow is not None]
     std = np.array([slow.std for slow in found] + [np.zeros(6)] * (len(noises) - len(found)))
     time = np.array([slow.time for slow in found])
-    there = np.array([slow.std > 0 for slow in found])
+    there = np.array([slow.std > 0 for slow in found]).reshape(-1, 6)
     typical = [np.median(time[there[:, i], i]) if there[:, i].any() else 1.0 for i in range(6)]
     return np.median(std, axis=0), np.array(typical)
 

@@ -26,7 +26,7 @@ LEVELS = (1.0, 0.1, 10.0, 0.01, 100.0, 1e-3, 1e3)
 FAR = 4.0
 """A stated standard deviation within this factor of what the logs show is no mistake: the fit goes on from it."""
 PRICE = LEAST_GAIN / 2
-"""nats that a number must gain: another level than the stated one is one number, slow errors beside it are two."""
+"""nats that each of the two numbers of slow errors must gain; a level that is not the stated one, LEAST_GAIN."""
 MOST_LOGS = 8
 """Taken evenly: they show a level to far less than FAR."""
 ROUNDS = 4
@@ -43,6 +43,8 @@ def near_the_level(params: Params, logs: Sequence[Log], wanted: Collection[str],
         options: of the pipeline.
     """
     logs = logs[:: -(-len(logs) // MOST_LOGS)]
+    if all(log.noise.vibration is None for log in look_at_each(params, logs, options)):
+        return params  # too short to say
     if "wrench_std" in wanted:
         for level_of in (_of_all_blocks, *[_at_rest] * ROUNDS):
             stated = np.asarray(params.bias.wrench_variance, float)
@@ -72,7 +74,7 @@ def _at_best_drift(params: Params, logs: Sequence[Log], options: Options) -> Par
     stated = np.asarray(params.bias.density, float)
     scored = [_scored(_with_density(params, level * stated), logs, options) for level in LEVELS]
     value, squares = (np.stack(x) for x in zip(*scored, strict=True))
-    value[1:] -= PRICE
+    value[1:] -= LEAST_GAIN
     # A drift that follows the slow errors of a model is likely, and carries the bias away from where it will be.
     worse = (np.nan_to_num(squares / squares[:1], nan=1.0) > WORSE**2).any(axis=1)
     best = np.where(worse, -np.inf, value).argmax(0)
@@ -90,7 +92,9 @@ def _scored(params: Params, logs: Sequence[Log], options: Options) -> tuple[Arra
         (6,) nats, less the price of the slow errors, and (H, 6) N^2, Nm^2 mean squared errors of forecasts.
     """
     looked = look_at_each(params, logs, options)
-    std, time = pooled([log.noise for log in looked])
+    std, time = params.bias.correlated_std, params.bias.correlated_time
+    if std is None or time is None:
+        std, time = pooled([log.noise for log in looked])
     sensor = np.asarray(params.bias.wrench_variance, float)
     density = np.asarray(params.bias.density, float)[None]
     reverts = np.full((1, 6), np.inf) if params.bias.drift_time is None else np.asarray(params.bias.drift_time)[None]

@@ -12,6 +12,7 @@ from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.diagnosis.evidence.causes import Answer, causes_of, doubt_by, is_sure, ranking_of
 from ftbias_jax.diagnosis.evidence.estimates import with_nominal
 from ftbias_jax.diagnosis.evidence.gap import Judge, compare, is_quiet, measure_gap, verdict_of
+from ftbias_jax.diagnosis.evidence.posterior import correlations
 from ftbias_jax.diagnosis.problem import Problem, make_problem
 from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead
@@ -135,6 +136,7 @@ def diagnose(
         setup_name=Path(setup.path).name,
         own_effects=setup.own_effects,
         terms=answer.terms,
+        correlations=correlations(problem, answer.accepted, causes),
         note=note(setup, rest_in_words(setup, slices(*logs))),
         provenance=provenance(setup, list(map(source_of, logs)), {"without": sorted(without)}, names),
     )

@@ -213,6 +213,8 @@ class Diagnosis(NamedTuple):
     """What it was made from."""
     note: str = ""
     """What of the setup was not used; "" = nothing."""
+    correlations: np.ndarray = np.zeros((0, 0))
+    """(P, P) between the errors of all numbers of the causes, in their order: ``evidence.posterior``."""
     command: str = ""
     """What was typed to make it, for the report's advice; "" = made from names of logs and setup."""
 

@@ -42,7 +42,7 @@ class Validation(NamedTuple):
     before: Distance
     after: Distance
     shrink: float
-    """1 - after / before, of ``sigmas``."""
+    """1 - (after / before)^2, of ``sigmas``: the share of the mean square gap that is gone; negative if it grew."""
     shrink_stderr: float
 
     def plain(self) -> dict[str, Any]:
@@ -92,9 +92,12 @@ def validate(
         problem, _ = make_problem(one.with_effects(setup.own_effects), beside)
         found.append(distance(problem, fits.base(problem).error))
     before, after = found
-    shrink = 1 - after.sigmas / before.sigmas if before.sigmas > 0 else 0.0
-    spread = [x.sigmas_stderr / before.sigmas if before.sigmas > 0 else 1.0 for x in found]
-    return Validation(before, after, shrink, float(np.hypot(spread[1], (1 - shrink) * spread[0])))
+    if before.sigmas == 0:
+        return Validation(before, after, 0.0, 1.0)
+    left = (after.sigmas / before.sigmas) ** 2
+    spread = (2 * x.sigmas * x.sigmas_stderr / before.sigmas**2 for x in (after, before))
+    of_after, of_before = spread
+    return Validation(before, after, 1 - left, float(np.hypot(of_after, left * of_before)))
 
 
 def distance(problem: Problem, error: Array) -> Distance:

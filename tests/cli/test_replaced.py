@@ -39,6 +39,11 @@ OUTPUTS = {
     ("plan", "ros"): "plan --setup setup.toml -o new.csv --ros {}.yaml",
     ("plan", "ur"): "plan --setup setup.toml -o new.csv --ur {}.script",
     ("plan", "franka"): "plan --setup setup.toml -o new.csv --franka {}.json",
+    ("replay", "output"): f"replay {LOG} -o {{}}.npz",
+    (
+        "validate-sim",
+        "json",
+    ): f"validate-sim {LOG} --found setup.toml --mended setup.toml --json {{}}.json",
     ("diagnose", "json"): f"diagnose {LOG} --json {{}}.json",
     ("diagnose", "html"): f"diagnose {LOG} --html {{}}.html",
     ("diagnose", "output"): f"diagnose {LOG} --apply -o {{}}.toml",
@@ -47,8 +52,8 @@ OUTPUTS = {
     ("setup", "output"): "setup --robot panda -o {}.toml",
 }
 """Command and option -> words with the place of the output's name."""
-CHECKED_ELSEWHERE = {("demo", "output")}
-"""A folder that must be new or a demonstration's (test_outputs.py)."""
+CHECKED_ELSEWHERE = {("demo", "output"), ("sample", "output")}
+"""A folder that must be new or a demonstration's (test_outputs.py), or empty (simulators/test_sample.py)."""
 NAMES = {"output", "json", "html", "plot", "offsets", "truth", "out", "ros", "ur", "franka"}
 
 

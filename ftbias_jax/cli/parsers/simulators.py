@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ftbias_jax.cli.options import FORCE, LOGS, OUTSIDE, Command, option, output, setup
+from ftbias_jax.cli.options import FORCE, LOGS, OUTSIDE, SEED, Command, count, option, output, setup
 
 OF_SIMULATORS = {
     "replay": Command(
@@ -19,6 +19,22 @@ OF_SIMULATORS = {
         ),
         "Example: ftbias replay monday.npz --setup setup.toml -o sim.npz",
         "simulators.replay",
+    ),
+    "sample": Command(
+        "draw many simulators that the data allow, to train on",
+        "Draw from the joint posterior of what DIAGNOSIS found, within the bounds of its effects: for each draw a "
+        "scene and the errors of its sensor, and in ranges.json means, covariance and ranges.",
+        (
+            option("found", "DIAGNOSIS.json", "what ftbias diagnose --json wrote"),
+            setup("of the diagnosis"),
+            option("--like", "SCENE.xml", "the scene to mend for each draw (default: sensor models alone)", default=""),
+            option("--count", "N", "how many (%(default)s)", type=count, default=100),
+            output("FOLDER", "where to write them", required=True),
+            SEED,
+            FORCE,
+        ),
+        "Example: ftbias sample found.json --setup setup.toml --like scene.xml -o samples",
+        "simulators.sample",
     ),
     "validate-sim": Command(
         "see on other logs how far a mended scene is from them, and was before",

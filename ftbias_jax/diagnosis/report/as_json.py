@@ -37,6 +37,7 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "sentence": diagnosis.sentence,
         "note": diagnosis.note,
         "causes": [cause._asdict() for cause in diagnosis.causes],
+        "posterior": {"correlation": diagnosis.correlations},
         "terms": [{key: value for key, value in term._asdict().items() if key != "curve"} for term in diagnosis.terms],
         "gap": {
             "before": {"rms": gap.before_rms, "in_noise_sigmas": gap.before_sigmas},

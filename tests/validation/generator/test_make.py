@@ -73,7 +73,8 @@ def test_the_maker_shares_nothing_with_the_package(path):
 
 
 def test_the_two_catalogues_have_the_same_names():
-    assert set(catalogue.LISTED) == set(CATALOGUE) == set(labels._CONVERSIONS)
+    # The generator draws a clock that drifts as a form of time_delay.
+    assert set(catalogue.LISTED) == set(CATALOGUE) - {"clock_drift"} == set(labels._CONVERSIONS)
     assert not set(catalogue.UNLISTED) & set(CATALOGUE)
 
 

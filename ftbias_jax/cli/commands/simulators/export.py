@@ -47,7 +47,7 @@ def _exported(arguments: argparse.Namespace) -> str:
         remedy = "give kg, and metres in the flange frame"
         raise UsageError(f"{' '.join(f'{x:g}' for x in mass)} is no mass", field="--sensor-mass", remedy=remedy)
     if arguments.format == "sensor":
-        return _sensor_text(setup)
+        return sensor_file_text(setup, "export")
     options = ExportOptions(
         sensor_mass=None if mass is None else tuple(mass),
         frames_as_stated=arguments.frames_as_stated,
@@ -57,10 +57,11 @@ def _exported(arguments: argparse.Namespace) -> str:
     return export_text(setup, arguments.format, options)
 
 
-def _sensor_text(setup: Setup) -> str:
+def sensor_file_text(setup: Setup, by: str) -> str:
+    """The text of a ``sensor_model.toml`` that a command writes."""
     from ftbias_jax.simulators.sensor_file import sensor_text
 
-    return f"{WRITTEN_BY}export, which may replace it\n{sensor_text(setup)}"
+    return f"{WRITTEN_BY}{by}, which may replace it\n{sensor_text(setup)}"
 
 
 def found_setup(arguments: argparse.Namespace) -> Setup:
@@ -101,7 +102,7 @@ def _mend(arguments: argparse.Namespace) -> int:
     check_outputs(outputs, [arguments.found, arguments.setup, arguments.like, *setup.files], kinds, arguments.force)
     for path, text in made.files.items():
         write_text(path, text)
-    write_text(beside["sensor_model.toml"], _sensor_text(setup))
+    write_text(beside["sensor_model.toml"], sensor_file_text(setup, "export"))
     write_json(beside["not_expressed.json"], made.not_expressed)
     for one in made.not_expressed:
         print(f"not expressed: {one['effect']}: {one['why']}")

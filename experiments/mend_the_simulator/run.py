@@ -1,0 +1,188 @@
+"""A user's wrong scene against a MuJoCo "reality" with withheld changes: mended by one recording, judged by another."""
+
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import butter, lfilter
+
+sys.path.append(str(Path(__file__).parents[1]))
+import mujoco
+from common import keep, rounded
+
+import ftbias_jax as ft
+from ftbias_jax.io.cleaning import clean
+from ftbias_jax.setup.mjcf import load_mjcf, mjcf_tool
+from ftbias_jax.simulators.mend_mjcf import mend_mjcf
+from ftbias_jax.simulators.replay import against, joint_states, replay
+from ftbias_jax.simulators.validate import validate
+
+SCENE = Path(__file__).with_name("scene.xml")
+TOML = '[robot]\nmjcf = "scene.xml"\n\n[sensor]\nnoise_std = [0.05, 0.002]\n'
+DURATION, RATE, EACH = 40.0, 200.0, 3
+KINDS = ("tool", "mounting", "cable", "delay and low-pass", "crosstalk", "drag", "flexible tool", "gravity and tool")
+
+
+def changed(kind, rng, folder):
+    """The real scene, written by MuJoCo itself; what else the sensor does to its reading; and what is true."""
+    spec = mujoco.MjSpec.from_file(str(SCENE))
+    hand, site = spec.body("hand"), spec.site("ft_site")
+    sensor, truth = lambda t, wrench, velocity: wrench, {}
+    if kind in ("tool", "gravity and tool"):
+        part = hand.add_body(pos=rng.uniform(-0.04, 0.04, 3) + np.array([0, 0, 0.08]))
+        part.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.02, 0.02, 0.03], mass=rng.uniform(0.05, 0.2))
+    if kind == "mounting":
+        turn = rng.normal(size=3)
+        truth["mount_rotation"] = {"rotation": turn * np.radians(rng.uniform(1, 4)) / np.linalg.norm(turn)}
+        quaternion, turned = np.zeros(4), np.zeros(4)
+        angle = np.linalg.norm(truth["mount_rotation"]["rotation"])
+        mujoco.mju_axisAngle2Quat(quaternion, truth["mount_rotation"]["rotation"] / angle, angle)
+        mujoco.mju_mulQuat(turned, mujoco.MjModel.from_xml_path(str(SCENE)).site("ft_site").quat, quaternion)
+        site.alt.type, site.quat = mujoco.mjtOrientation.mjORIENTATION_QUAT, turned
+    if kind == "cable":
+        stiffness = rng.uniform(5, 20)
+        spec.body("link3").add_site(name="a", pos=rng.uniform(-0.1, 0.1, 3) + np.array([0, 0, 0.2]))
+        hand.add_site(name="b", pos=rng.uniform(-0.02, 0.02, 3) + np.array([0, 0, 0.05]))
+        tendon = spec.add_tendon(stiffness=stiffness, springlength=[0, 0.2])
+        tendon.wrap_site("a")
+        tendon.wrap_site("b")
+        truth["cable"] = {"stiffness": stiffness}
+    if kind == "flexible tool":
+        frequency, gripper = rng.uniform(6, 12), spec.body("gripper")
+        inertia = 0.4 * (0.03**2 + 0.03**2) / 3 + 0.4 * 0.06**2
+        for axis in ([1, 0, 0], [0, 1, 0]):
+            stiffness = inertia * (2 * np.pi * frequency) ** 2
+            damping = 2 * 0.05 * np.sqrt(stiffness * inertia)
+            gripper.add_joint(axis=axis, pos=[0, 0, -0.06], stiffness=[stiffness, 0, 0], damping=[damping, 0, 0])
+    if kind == "gravity and tool":
+        tilt = rng.normal(size=2) * np.radians(1.5)
+        spec.option.gravity = np.array([tilt[0], tilt[1], -1]) * 9.81 / np.linalg.norm([*tilt, 1])
+        truth["gravity_tilt"] = {"gravity": np.array(spec.option.gravity)}
+    if kind == "delay and low-pass":
+        delay, cutoff = rng.uniform(0.01, 0.04), rng.uniform(4, 12)
+        b, a = butter(1, cutoff, fs=RATE)
+
+        def sensor(t, wrench, velocity):
+            smooth = lfilter(b, a, wrench - wrench[0], axis=0) + wrench[0]
+            return np.stack([np.interp(t - delay, t, channel) for channel in smooth.T], 1)
+    elif kind == "crosstalk":
+        source, target = rng.choice(3, 2, replace=False)
+        leak = np.eye(6)
+        leak[target, source] = rng.uniform(0.02, 0.06)
+        truth["crosstalk"] = {"matrix": leak}
+
+        def sensor(t, wrench, velocity):
+            return wrench @ leak.T
+    elif kind == "drag":
+        drag = rng.uniform(5, 15)
+
+        def sensor(t, wrench, velocity):
+            return wrench + np.pad(drag * velocity, ((0, 0), (0, 3)))
+
+    spec.compile()
+    (folder / "real.xml").write_text(spec.to_xml())
+    scene = load_mjcf(folder / "real.xml", "ft_site")
+    if kind in ("tool", "gravity and tool"):
+        tool = mjcf_tool(scene)
+        truth |= {"tool_mass": {"mass": tool.mass}, "tool_com": {"center_of_mass": tool.center_of_mass}}
+    return scene, sensor, truth
+
+
+def velocity_in_sensor(scene, t, q):
+    """(T, 3) m/s of the sensor's site, along its axes."""
+    data, places, axes = mujoco.MjData(scene.model), [], []
+    for row in q:
+        data.qpos[scene.model.jnt_qposadr[list(scene.joints)]] = row
+        mujoco.mj_kinematics(scene.model, data)
+        places.append(data.site_xpos[scene.site].copy())
+        axes.append(data.site_xmat[scene.site].reshape(3, 3).copy())
+    return np.einsum("tji,tj->ti", np.array(axes), np.gradient(np.array(places), t, axis=0))
+
+
+def recording(setup, scene, sensor, seed):
+    """A log of the real robot: encoders with noise, and the wrench with bias, drift and noise."""
+    made = ft.simulate(setup, {}, duration=DURATION, rate=RATE, seed=seed)
+    log, truth = made.log, made.truth
+    states = np.stack([truth.q, truth.dq, truth.ddq], 2)
+    felt = sensor(log.t, replay(scene, log.t, states), velocity_in_sensor(scene, log.t, truth.q))
+    return log._replace(wrench=felt + log.wrench - truth.wrench_tool)
+
+
+def errors_of(causes, truth):
+    """(value - truth) / standard error of the parameters of which something is known."""
+    found = []
+    for cause in causes:
+        for name, true in truth.get(cause.effect, {}).items():
+            value, stderr, true = (
+                np.ravel(x).astype(float) for x in (cause.parameters[name], cause.stderr[name], true)
+            )
+            found += [(v - x) / s for v, x, s in zip(value, true, stderr, strict=True) if s > 0]
+    return found
+
+
+def case(kind, number, folder):
+    """One scene, one recording to mend it by, one to judge it by."""
+    rng = np.random.default_rng([KINDS.index(kind), number])
+    (folder / "scene.xml").write_text(SCENE.read_text())
+    (folder / "setup.toml").write_text(TOML)
+    setup = ft.load_setup(folder / "setup.toml")
+    real, sensor, truth = changed(kind, rng, folder)
+    first, second = (recording(setup, real, sensor, 1000 * (1 + KINDS.index(kind)) + 2 * number + i) for i in (0, 1))
+    start = time.perf_counter()
+    user = load_mjcf(folder / "scene.xml")
+    whole = clean(first)
+    beside = against(setup, first, whole.t, replay(user, whole.t, joint_states(setup, whole)))
+    diagnosis = ft.diagnose(setup, [beside])
+    fixed = diagnosis.apply(setup)
+    made = mend_mjcf(fixed, str(folder / "scene.xml"), str(folder / "mended.xml"))
+    (folder / "mended.xml").write_text(made.files[str(folder / "mended.xml")])
+    mended = load_mjcf(folder / "mended.xml")
+    seconds = time.perf_counter() - start
+    judged = validate(setup, fixed, [second], (user, mended))
+    lines = [text.splitlines() for text in (SCENE.read_text(), (folder / "mended.xml").read_text())]
+    return {
+        "kind": kind,
+        "verdict": diagnosis.verdict,
+        "causes": [cause.title for cause in diagnosis.causes],
+        "terms": [term.text for term in diagnosis.terms],
+        "not_expressed": [one["effect"] for one in made.not_expressed],
+        "before_sigmas": judged.before.sigmas,
+        "after_sigmas": judged.after.sigmas,
+        "shrink": judged.shrink,
+        "shrink_stderr": judged.shrink_stderr,
+        "errors_in_stderr": errors_of(diagnosis.causes, truth),
+        "lines_changed": len(set(lines[0]) ^ set(lines[1])),
+        "seconds": seconds,
+    }
+
+
+def main():
+    cases = []
+    for kind in KINDS:
+        for number in range(EACH):
+            with tempfile.TemporaryDirectory() as folder:
+                cases.append(case(kind, number, Path(folder)))
+            print({key: x for key, x in cases[-1].items() if key not in ("terms",)}, flush=True)
+    errors = np.abs([x for one in cases for x in one["errors_in_stderr"]])
+    shrinks = np.array([one["shrink"] for one in cases])
+    summary = {
+        "median_shrink": float(np.median(shrinks)),
+        "grown": int((shrinks < 0).sum()),
+        "parameters": len(errors),
+        "inside_three_stderr": float((errors < 3).mean()),
+    }
+    keep(__file__, {"summary": summary, "cases": [rounded_case(one) for one in cases]})
+    print(summary)
+
+
+def rounded_case(one):
+    return {
+        key: rounded(x, 3) if key not in ("kind", "verdict", "causes", "terms", "not_expressed") else x
+        for key, x in one.items()
+    }
+
+
+if __name__ == "__main__":
+    main()
