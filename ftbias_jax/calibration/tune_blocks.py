@@ -20,7 +20,7 @@ from ftbias_jax.calibration.newton import Report, Search
 from ftbias_jax.calibration.noise.score import WrenchLogs
 from ftbias_jax.calibration.noise.values import TIES
 from ftbias_jax.calibration.tune import Fit, fit_wrench, stack
-from ftbias_jax.calibration.tune_drift import HALF_A_STEP, Drift, Series, choose_drift
+from ftbias_jax.calibration.tune_drift import HALF_A_STEP, Drift, Series, choose_drift, stated_drift
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.method.look import look_at
 from ftbias_jax.filtering.noise.block_filter import Grid, Means, filter_series
@@ -97,8 +97,7 @@ def tune_in_blocks(
     silent = params._replace(bias=bias._replace(wrench_variance=jnp.zeros_like(bias.wrench_variance)))
     parts = [(silent, _as_log(each, params, longest)) for each in series]
     tuned, fit = fit_wrench(silent, parts, {"density": tie}, burn_in=0.0, search=Search(report=report))
-    never = np.full(6, np.inf)
-    given = Drift(np.asarray(bias.density, float), never if bias.drift_time is None else np.asarray(bias.drift_time))
+    given = stated_drift(bias)
     drift = choose_drift(series, (std, time), given, np.asarray(tuned.bias.density, float), TIES[tie](6))
     reverts = None if np.isinf(drift.time).all() else jnp.asarray(np.minimum(drift.time, FOREVER), dtype)
     bias = bias._replace(density=jnp.asarray(drift.density, dtype), drift_time=reverts)

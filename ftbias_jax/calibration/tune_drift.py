@@ -15,6 +15,7 @@ import numpy as np
 from ftbias_jax.filtering.noise.block_filter import Grid, filter_series
 from ftbias_jax.filtering.noise.slow_noise import nats_of
 from ftbias_jax.filtering.quality.ahead import expected_ahead
+from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.types import Array
 
 TIMES = (np.inf, 300.0, 100.0, 30.0, 10.0)
@@ -49,6 +50,12 @@ class Drift(NamedTuple):
     """sigma_Q, N/s^1.5, Nm/s^1.5."""
     time: Array
     """s in which the drift reverts to zero; inf = never."""
+
+
+def stated_drift(bias: BiasNoise) -> Drift:
+    """What drives the drift in some parameters."""
+    never = np.full(6, np.inf)
+    return Drift(np.asarray(bias.density, float), never if bias.drift_time is None else np.asarray(bias.drift_time))
 
 
 class Scores(NamedTuple):

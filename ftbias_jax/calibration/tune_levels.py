@@ -15,7 +15,8 @@ import numpy as np
 
 from ftbias_jax.calibration.judgement import WORSE
 from ftbias_jax.calibration.tune_blocks import LogInBlocks, as_series, look_at_each, pooled
-from ftbias_jax.calibration.tune_drift import LEAST_GAIN, Drift, score
+from ftbias_jax.calibration.tune_drift import LEAST_GAIN, Drift, score, stated_drift
+from ftbias_jax.filtering.method.look import InBlocks, log_in_blocks, look_in
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params
@@ -43,15 +44,17 @@ def near_the_level(params: Params, logs: Sequence[Log], wanted: Collection[str],
         options: of the pipeline.
     """
     logs = logs[:: -(-len(logs) // MOST_LOGS)]
-    if all(log.noise.vibration is None for log in look_at_each(params, logs, options)):
+    looked = look_at_each(params, logs, options)
+    if all(log.noise.vibration is None for log in looked):
         return params  # too short to say
-    if "wrench_std" in wanted:
-        for level_of in (_of_all_blocks, *[_at_rest] * ROUNDS):
-            stated = np.asarray(params.bias.wrench_variance, float)
-            level = level_of(look_at_each(params, logs, options), stated)
-            far = (level > FAR**2) | (level < FAR**-2)
+    for level_of in (_of_all_blocks, *[_at_rest] * ROUNDS) if "wrench_std" in wanted else ():
+        stated = np.asarray(params.bias.wrench_variance, float)
+        level = level_of(looked, stated)
+        far = (level > FAR**2) | (level < FAR**-2)
+        if far.any():
             variance = jnp.asarray(np.where(far, level, 1.0) * stated, params.theta.dtype)
             params = params._replace(bias=params.bias._replace(wrench_variance=variance))
+            looked = look_at_each(params, logs, options)
     return _at_best_drift(params, logs, options) if "density" in wanted else params
 
 
@@ -72,7 +75,8 @@ def _at_rest(looked: Sequence[LogInBlocks], stated: Array) -> Array:
 def _at_best_drift(params: Params, logs: Sequence[Log], options: Options) -> Params:
     """Parameters with the best of LEVELS of sigma_Q on every axis that forecasts no worse than the stated one."""
     stated = np.asarray(params.bias.density, float)
-    scored = [_scored(_with_density(params, level * stated), logs, options) for level in LEVELS]
+    blocks = [log_in_blocks(params, log, options) for log in logs]
+    scored = [_scored(_with_density(params, level * stated), blocks) for level in LEVELS]
     value, squares = (np.stack(x) for x in zip(*scored, strict=True))
     value[1:] -= LEAST_GAIN
     # A drift that follows the slow errors of a model is likely, and carries the bias away from where it will be.
@@ -85,18 +89,17 @@ def _with_density(params: Params, density: Array) -> Params:
     return params._replace(bias=params.bias._replace(density=jnp.asarray(density, params.theta.dtype)))
 
 
-def _scored(params: Params, logs: Sequence[Log], options: Options) -> tuple[Array, Array]:
+def _scored(params: Params, logs: Sequence[InBlocks]) -> tuple[Array, Array]:
     """The means of blocks with the slow errors that the logs show beside this drift.
 
     Returns:
         (6,) nats, less the price of the slow errors, and (H, 6) N^2, Nm^2 mean squared errors of forecasts.
     """
-    looked = look_at_each(params, logs, options)
+    looked = [LogInBlocks(*look_in(params.bias, log)) for log in logs]
     std, time = params.bias.correlated_std, params.bias.correlated_time
     if std is None or time is None:
         std, time = pooled([log.noise for log in looked])
     sensor = np.asarray(params.bias.wrench_variance, float)
-    density = np.asarray(params.bias.density, float)[None]
-    reverts = np.full((1, 6), np.inf) if params.bias.drift_time is None else np.asarray(params.bias.drift_time)[None]
-    found = score([as_series(log, sensor, params) for log in looked], (std, time), Drift(density, reverts))
+    drift = Drift(*(x[None] for x in stated_drift(params.bias)))
+    found = score([as_series(log, sensor, params) for log in looked], (std, time), drift)
     return found.nats[0] - np.where(std > 0, 2 * PRICE, 0.0), found.squares[:, 0]

@@ -38,16 +38,38 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
 
+class InBlocks(NamedTuple):
+    """A log whose joints are smoothed, to be looked at with any noise of the bias."""
+
+    blocks: Blocks
+    """Padded."""
+    jumps: Array
+    """In which of them the sensor was set to zero."""
+    layout: Layout
+    enough: bool
+    """Whether the log is long enough to show its noise."""
+
+
 def look_at(params: Params, log: Log, options: Options) -> tuple[Blocks, LogNoise]:
     """Blocks and noise of a log, with its joints smoothed by their likeliest noise; of NumPy arrays."""
+    return look_in(params.bias, log_in_blocks(params, log, options))
+
+
+def log_in_blocks(params: Params, log: Log, options: Options) -> InBlocks:
+    """A log in blocks, with its joints smoothed by their likeliest noise."""
     log = without_useless(log, params)
     samples = samples_of(params, log)
     layout, length = layout_of(samples.dt), np.asarray(len(log.t))
     given = (params, pipeline.init(params, samples), samples, np.cumsum(samples.dt), (length, length))
     _, blocks, jumps = blocks_in(*given, options=options, layout=layout)
-    enough = len(log.t) // layout.size >= LEAST_BLOCKS
-    blocks, fitted = jax.tree.map(np.asarray, noise_in(params.bias, blocks, jumps, layout=layout, enough=enough))
-    stated = params.bias.correlated_std is not None
+    return InBlocks(blocks, jumps, layout, len(log.t) // layout.size >= LEAST_BLOCKS)
+
+
+def look_in(bias: BiasNoise, log: InBlocks) -> tuple[Blocks, LogNoise]:
+    """What ``look_at`` gives, of a log in blocks, which were made with the same noise of samples."""
+    blocks, jumps, layout, enough = log
+    blocks, fitted = jax.tree.map(np.asarray, noise_in(bias, blocks, jumps, layout=layout, enough=enough))
+    stated = bias.correlated_std is not None
     noise = nothing() if fitted is None else told(fitted[1], layout, slow_is_stated=stated)
     number = int(blocks.number)
     trimmed: Blocks = jax.tree.map(lambda x: x[:number], blocks._replace(number=blocks.t))
