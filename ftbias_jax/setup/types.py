@@ -105,6 +105,11 @@ class ToolSetup:
         return tuple(key for key, is_stated in stated.items() if not is_stated)
 
 
+def sign_of(reports: str) -> float:
+    """The sign of the reading against the wrench on the tool; ``reports`` is one of REPORTS."""
+    return 1.0 if reports == REPORTS[0] else -1.0
+
+
 def inertia_matrix(inertia: Array) -> Array:
     """(3, 3) kg m^2 of (6,): Ixx Ixy Ixz Iyy Iyz Izz."""
     return np.asarray(inertia)[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]

@@ -24,7 +24,7 @@ from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.mjcf import Mjcf
-from ftbias_jax.setup.types import REPORTS, Setup
+from ftbias_jax.setup.types import Setup, sign_of
 from ftbias_jax.types import Array
 
 EVERY = 1000
@@ -115,7 +115,7 @@ def _swing(model: Any, data: Any, springs: Array, dt: float) -> None:
 
 
 @in_float64
-def against(setup: Setup, log: Log, t: Array, wrench: Array) -> Log:
+def against(setup: Setup, log: Log, t: Array, wrench: Array, states: Array | None = None) -> Log:
     """A log to be diagnosed against a simulator: what that adds to the nominal tool's wrench goes along in columns.
 
     Args:
@@ -123,6 +123,7 @@ def against(setup: Setup, log: Log, t: Array, wrench: Array) -> Log:
         log: as recorded.
         t: (K,) s, stamps of the simulated wrench, relative to the log's first sample.
         wrench: (K, 6) N, Nm, on the tool, sensor frame.
+        states: of ``joint_states``, if they are known.
 
     Raises:
         LogError: the simulated wrench does not last as long as the log, or has samples that are no numbers.
@@ -135,7 +136,8 @@ def against(setup: Setup, log: Log, t: Array, wrench: Array) -> Log:
         message = f"lasts from {t[0]:.6g} s to {t[-1]:.6g} s, the log from {log.t[0]:.6g} s to {log.t[-1]:.6g} s"
         raise LogError(message, file=log.file, field="wrench_model", remedy="ftbias replay LOG makes one for it")
     whole = clean(log)
-    params, (q, dq, ddq) = params_from_setup(setup), np.moveaxis(joint_states(setup, whole), 2, 0)
+    states = joint_states(setup, whole) if states is None else states
+    params, (q, dq, ddq) = params_from_setup(setup), np.moveaxis(states, 2, 0)
     model = Model(params.arm, params.gravity, params.theta)
     nominal = np.asarray(tool_wrenches(Signals(whole.t, q, dq, ddq, 0 * whole.t, model)))
     columns = {
@@ -160,7 +162,8 @@ def read_against(path: str | os.PathLike[str], setup: Setup, log: Log) -> Log:
     for name in ("t", "wrench_model"):
         if name not in arrays:
             raise LogError("is not there", file=path, field=name, remedy="ftbias replay LOG -o SIM.npz writes it")
-    t, sign = np.asarray(arrays["t"], float), 1.0 if setup.sensor.reports == REPORTS[0] else -1.0
+    t = np.asarray(arrays["t"], float)
     if len(t) and abs(t[0] - log.start) < abs(t[0]):
         t = t - log.start
-    return against(setup, log._replace(file=str(path)), t, sign * np.asarray(arrays["wrench_model"], float))
+    wrench = sign_of(setup.sensor.reports) * np.asarray(arrays["wrench_model"], float)
+    return against(setup, log._replace(file=str(path)), t, wrench)

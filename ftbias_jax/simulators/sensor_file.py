@@ -13,7 +13,7 @@ from ftbias_jax.model.effects.types import Values
 from ftbias_jax.setup.dump import lines_of, text_of
 from ftbias_jax.setup.fields import Section, check_keys, read_file
 from ftbias_jax.setup.parse import parse_setup
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.setup.types import Setup, sign_of
 from ftbias_jax.simulators.sensor_model import EFFECTS, SensorModel
 
 KEYS = {
@@ -45,7 +45,7 @@ def sensor_model(setup: Setup) -> SensorModel:
         density=bias.noise_density,
         initial=np.concatenate([bias.initial, bias.initial_drift]),
         initial_std=np.concatenate([bias.initial_std, bias.initial_drift_std]),
-        sign=np.array(1.0 if sensor.reports == "wrench_on_tool" else -1.0),
+        sign=np.array(sign_of(sensor.reports)),
         tared=np.array(float(sensor.rezeroed)),
         values=values,
         correlated_std=sensor.correlated_std,

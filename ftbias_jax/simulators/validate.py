@@ -81,12 +81,13 @@ def validate(
     """
     progress("replaying the logs")
     of_sensor = {name: x for name, x in mended.effects.items() if name in (*EFFECTS, TERM)}
-    states = [joint_states(setup, clean(log)) for log in logs]
+    whole = [clean(log) for log in logs]
+    times, states = [log.t for log in whole], [joint_states(setup, log) for log in whole]
     found = []
     for one, scene in ((setup, scenes[0]), (replace(setup, effects={**setup.effects, **of_sensor}), scenes[1])):
         beside = [
-            against(setup, log, clean(log).t, replay(scene, clean(log).t, state))
-            for log, state in zip(logs, states, strict=True)
+            against(setup, log, t, replay(scene, t, state), state)
+            for log, t, state in zip(logs, times, states, strict=True)
         ]
         progress("comparing")
         problem, _ = make_problem(one.with_effects(setup.own_effects), beside)

@@ -11,7 +11,7 @@ import numpy as np
 from ftbias_jax.errors import SetupError, printable
 from ftbias_jax.setup.export.payload import ExportOptions, heading, number, numbers
 from ftbias_jax.setup.require import require_tool
-from ftbias_jax.setup.types import REPORTS, SCREWS, Setup
+from ftbias_jax.setup.types import REPORTS, SCREWS, Setup, sign_of
 from ftbias_jax.types import Array
 
 WORLD_FRAMES = {"ur": "base", "panda": "panda_link0", "fr3": "fr3_link0"}
@@ -33,10 +33,10 @@ def ros_text(setup: Setup, options: ExportOptions) -> str:
         SetupError: the tool is not stated, or the reading has been compensated already.
     """
     tool = _tool_of_the_reading(setup)
-    field = numbers(-_sign(setup.sensor.reports) * setup.robot.gravity)
+    field = numbers(-sign_of(setup.sensor.reports) * setup.robot.gravity)
     lines = [
         *_comments(setup),
-        *_offset_lines(_sign(setup.sensor.reports) * setup.bias.initial),
+        *_offset_lines(sign_of(setup.sensor.reports) * setup.bias.initial),
         "    sensor_filter_chain:",
         "      filter1:",
         "        name: gravity_compensation",
@@ -70,7 +70,7 @@ def ft_calib_text(setup: Setup, options: ExportOptions) -> str:
     lines = [
         *_comments(setup),
         f"# the topic imu must have 9.81 m/s^2 {up}, because the sensor reports the {_words(setup)}",
-        f"bias: {numbers(-_sign(setup.sensor.reports) * setup.bias.initial)}  # N, Nm: subtracted from the reading",
+        f"bias: {numbers(-sign_of(setup.sensor.reports) * setup.bias.initial)}  # N, Nm: subtracted from the reading",
         f"gripper_com_frame_id: {json.dumps(options.sensor_frame)}",
         'gripper_com_child_frame_id: "gripper_com"',
         f"gripper_com_pose: {numbers([*center, 0.0, 0.0, 0.0])}  # m, rad, sensor frame",
@@ -97,7 +97,7 @@ def dump_offsets(bias: Array, reports: str = REPORTS[0], remark: str = "") -> st
     if not all(math.isfinite(value) for value in bias) or reports not in REPORTS:
         raise ValueError(f"no offsets for the bias {bias} of a sensor that reports {reports!r}")
     comment = [f"# {printable(remark)}"] if remark else []
-    return "\n".join([*comment, *_offset_lines(_sign(reports) * np.asarray(bias, float))]) + "\n"
+    return "\n".join([*comment, *_offset_lines(sign_of(reports) * np.asarray(bias, float))]) + "\n"
 
 
 def world_frame(setup: Setup) -> str:
@@ -115,11 +115,6 @@ def _tool_of_the_reading(setup: Setup) -> tuple[float, Array]:
         remedy = "switch the controller's compensation off, or this one"
         raise SetupError(message, file=setup.path, field="sensor.compensated", remedy=remedy)
     return tool.mass, tool.center_of_mass
-
-
-def _sign(reports: str) -> float:
-    """The sign of the reading against the wrench on the tool."""
-    return 1.0 if reports == REPORTS[0] else -1.0
 
 
 def _offset_lines(offset: Iterable[float]) -> list[str]:

@@ -20,7 +20,7 @@ from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.runtime.progress import Progress, Stages
 from ftbias_jax.setup import Setup
 from ftbias_jax.setup.mjcf import Mjcf, load_mjcf
-from ftbias_jax.setup.types import REPORTS
+from ftbias_jax.setup.types import sign_of
 
 
 def scene_of(setup: Setup, path: str) -> Mjcf:
@@ -52,9 +52,14 @@ def run(arguments: argparse.Namespace) -> int:
     log = clean(log)
     states = joint_states(setup, log)
     wrench = replay(scene, log.t, states, Progress("replaying", len(log.t)))
-    sign = 1.0 if setup.sensor.reports == REPORTS[0] else -1.0
     q, dq, ddq = np.moveaxis(states, 2, 0)
-    arrays = {"t": log.t + log.start, "wrench_model": sign * wrench, "q": q, "dq": dq, "ddq": ddq}
+    arrays = {
+        "t": log.t + log.start,
+        "wrench_model": sign_of(setup.sensor.reports) * wrench,
+        "q": q,
+        "dq": dq,
+        "ddq": ddq,
+    }
     origin = provenance(setup, [source_of(log)], {"replayed": Path(scene.file).name}, [Path(path).name])
     save_npz(arguments.output, arrays | texts_of_log(arrays, setup.sensor.reports, origin))
     print(f"wrote {arguments.output}")
