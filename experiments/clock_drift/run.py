@@ -17,26 +17,11 @@ import numpy as np
 import ftbias_jax as ft
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
+from random_setup import random_setup
+
 ROBOTS, MOTIONS = ("panda", "ur10e", "iiwa14"), ("sines", "moves")
 RATE, DURATION = 250.0, 60.0
 """Hz of the joints, twice that of the wrench; s."""
-
-
-def random_setup(rng, robot):
-    """A robot with a random tool that is as stated."""
-    inertia = rng.uniform(1e-3, 3e-3)
-    return ft.parse_setup(
-        {
-            "robot": {"model": robot},
-            "sensor": {"translation": [0.0, 0.0, 0.04], "noise_std": [0.1, 0.004]},
-            "tool": {
-                "mass": rng.uniform(0.5, 1.5),
-                "center_of_mass": [*rng.uniform(-0.02, 0.02, 2), rng.uniform(0.03, 0.08)],
-                "inertia": [inertia, 0, 0, inertia, 0, inertia / 2],
-            },
-            "bias": {"noise_density": [2e-3, 1e-4]},
-        }
-    )
 
 
 def recorded(setup, made, rate, offset):

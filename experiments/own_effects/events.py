@@ -13,7 +13,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from run import poses
+from run import poses, random_setup
 
 import ftbias_jax as ft
 
@@ -112,19 +112,8 @@ def random_values(rng, name, positions):
 def one(name, seed):
     """A log with the effect, or without any, and what the diagnosis says of it."""
     rng = np.random.default_rng(seed)
-    inertia, robot, motion = rng.uniform(1e-3, 3e-3), ROBOTS[seed % 3], MOTIONS[seed // 3 % 2]
-    setup = ft.parse_setup(
-        {
-            "robot": {"model": robot},
-            "sensor": {"translation": [0.0, 0.0, 0.04], "noise_std": [0.1, 0.004]},
-            "tool": {
-                "mass": rng.uniform(0.5, 1.5),
-                "center_of_mass": [*rng.uniform(-0.02, 0.02, 2), rng.uniform(0.03, 0.08)],
-                "inertia": [inertia, 0, 0, inertia, 0, inertia / 2],
-            },
-            "bias": {"noise_density": [2e-3, 1e-4]},
-        }
-    )
+    robot, motion = ROBOTS[seed % 3], MOTIONS[seed // 3 % 2]
+    setup = random_setup(rng, robot)
     way = ft.simulate(setup, duration=DURATION, rate=RATE, motion=motion, seed=seed).truth.q
     true = random_values(rng, name, poses(setup, way)[1])
     values = {name: {key: np.asarray(value).tolist() for key, value in true.items()}} if true else {}

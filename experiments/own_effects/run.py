@@ -13,27 +13,12 @@ import numpy as np
 
 import ftbias_jax as ft
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from random_setup import random_setup
+
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent))
 NOISE = np.repeat([0.1, 0.004], 3)
 RATE, DURATION = 125.0, 20.0
-
-
-def random_setup(rng):
-    """A Panda with a random tool that is as stated."""
-    inertia = rng.uniform(1e-3, 3e-3)
-    return ft.parse_setup(
-        {
-            "robot": {"model": "panda"},
-            "sensor": {"translation": [0.0, 0.0, 0.04], "noise_std": [0.1, 0.004]},
-            "tool": {
-                "mass": rng.uniform(0.5, 1.5),
-                "center_of_mass": [*rng.uniform(-0.02, 0.02, 2), rng.uniform(0.03, 0.08)],
-                "inertia": [inertia, 0, 0, inertia, 0, inertia / 2],
-            },
-            "bias": {"noise_density": [2e-3, 1e-4]},
-        }
-    )
 
 
 def poses(setup, q):
