@@ -15,7 +15,7 @@ from ftbias_jax.types import Array
 TAU = Parameter("time_constant", "s", 0.1, 1e5)
 LAG = Parameter("lag", "s", 0.0, 1e4)
 REFERENCE = Parameter("reference", "deg C", -100.0, 300.0)
-TIME = Parameter("time", "s", 0.0, 1e7)
+TIME = Parameter("time", "s", 0.0, 1e7, several=True)
 FREQUENCY = Parameter("frequency", "Hz", 1e-4, 1e4)
 SPEED = Parameter("speed", "m/s", 1e-3, 2.0)
 TURN = Parameter("speed", "rad/s", 1e-3, 5.0)
@@ -36,8 +36,17 @@ def _decay(xp: Any, s: State, p: Numbers) -> Array:
 
 
 def _step(xp: Any, s: State, p: Numbers) -> Array:
-    """1 from a time on."""
-    return (s.t >= p["time"])[:, None] * 1.0
+    """(T, 1) 1 from the first time to the second, from the third to the fourth and so on, in means of samples."""
+    times = xp.atleast_1d(p["time"])
+    half = xp.where(s.counts > 1, s.counts * s.period / 2, 0.0)[:, None]
+    since = s.t[:, None] - times
+    after = xp.where(half > 0, xp.clip(0.5 + since / xp.where(half > 0, 2 * half, 1.0), 0, 1), since >= 0)
+    return (after * (-1.0) ** xp.arange(len(times))).sum(1, keepdims=True)
+
+
+def _payload(xp: Any, s: State, p: Numbers) -> Array:
+    """Weight and inertia of a unit mass at the point, while it is carried."""
+    return (_step(xp, s, p) * (s.gravity[None] - s.acceleration))[:, None]
 
 
 def _load_settling(xp: Any, s: State, p: Numbers) -> Array:
@@ -219,6 +228,7 @@ FORMS = {
         Form("acceleration", "linear", "vectors", "m/s^2", _along("acceleration")),
         Form("acceleration", "swing", "vectors", "m/s^2", _swinging, SWING, forgets=lambda p: swing_forgets(**p)),
         Form("acceleration", "trailing", "vectors", "m/s^2", _trailing, (LAG,), forgets=lambda p: p["lag"]),
+        Form("acceleration", "payload", "vectors", "m/s^2", _payload, (TIME,)),
         Form("acceleration", "turning", "vectors", "rad/s^2", _along("angular_acceleration")),
         Form("joint_angle", "linear", "scalars", "rad", lambda xp, s, p: s.q),
         Form("joint_angle", "cubic", "scalars", "rad", _cubic, (), ("q", "q2", "q3")),
