@@ -209,6 +209,8 @@ def _unit(term: Term, series: str, channel: int) -> str:
         return "kg"
     if form.name == "spring":
         return "N per m" if series == "stiffness" else "N"
+    if series == "dry":
+        return "N"
     per = f"{form.unit}^{POWERS[series]}" if series in POWERS else form.unit
     return own if form.unit == "1" else f"{own} per {per}"
 

@@ -27,6 +27,8 @@ SPEEDS, TURNS = (0.005, 0.05), (0.01, 0.1)
 """m/s and rad/s below which dry friction gives way."""
 CENTRES = 5
 """Places along every axis of the base where a field may come from."""
+REGIONS, RADII = 24, (0.12, 0.3)
+"""Places on the way of the tool about which there may be a region, and shares of the way's extent that it reaches."""
 REFERENCES = (0.0, 0.5, 1.0)
 """Quantiles of the temperature at which gauges may be right."""
 QUANTILES = (0.3, 0.6, 0.85)
@@ -46,6 +48,8 @@ SWITCHED = {
     "payload": ("acceleration", "payload", (FORCE,)),
 }
 """What may be switched on and off -> drive, form, frame and what it acts as."""
+TAKEN_OVER = 0.05
+"""s in which a part is taken from the table at first: a fit finds less, but from a step it finds no slope."""
 LINES = 4
 PADDING = 8
 """Times the length of a log over which its spectrum is taken, so that a line's frequency is known well enough."""
@@ -100,7 +104,7 @@ def that_stand_out(
     for joint, multiple in multiples(state, fit.error):
         found += _terms("joint_angle", "harmonic", EACH, [{"multiple": multiple}], joint)
     for name, times in switches(problem, state, fit):
-        found += _terms(*SWITCHED[name], [{"time": times}])
+        found += _terms(*SWITCHED[name], [{"time": times} | ({"takes": TAKEN_OVER} if name == "payload" else {})])
     return _at(point, found)
 
 
@@ -203,6 +207,19 @@ def _vectors(state: State) -> Iterator[Term]:
     centres = np.stack(np.meshgrid(*np.linspace(low - room, high + room, CENTRES).T), -1).reshape(-1, 3)
     fields = [_vector(centre) | {"power": 2.0, "core": 0.1} for centre in centres]
     yield from _terms("position", "attraction", (FORCE,), fields)
+    extent = float(np.linalg.norm(high - low))
+    for radius in (share * extent for share in RADII):
+        regions = [_vector(place) | {"radius": radius, "edge": radius / 3} for place in _visited(state.position)]
+        yield from _terms("velocity", "local", (FORCE,), regions)
+
+
+def _visited(positions: np.ndarray) -> list[np.ndarray]:
+    """Places (3,) among positions (U, 3), each as far as possible from those before it."""
+    chosen, distance = [positions[0]], np.full(len(positions), np.inf)
+    for _ in range(REGIONS - 1):
+        distance = np.minimum(distance, ((positions - chosen[-1]) ** 2).sum(1))
+        chosen.append(positions[distance.argmax()])
+    return chosen
 
 
 def _channels(problem: Problem) -> Iterator[Term]:

@@ -30,6 +30,7 @@ ROUNDS = 6
 AT_ONE_POINT = (
     ("position", "attraction"),
     ("position", "quadratic"),
+    ("velocity", "local"),
     ("time", "step"),
     ("time", "wave"),
     ("frequency", "line"),

@@ -8,7 +8,7 @@ import numpy as np
 
 from validation.generator.arms import Floats
 from validation.generator.effects.effect import Draw, Scene
-from validation.generator.kinds.kind import Hooks, Kind, direction, near_com, pushed, times, twisted
+from validation.generator.kinds.kind import Hooks, Kind, between, direction, near_com, pushed, times, twisted
 from validation.generator.world import ToolPath, tool_path
 
 
@@ -31,9 +31,11 @@ def grips(form: str, draw: Draw, scene: Scene) -> Floats:
     return picked
 
 
-def on(t: Floats, at: Floats) -> Floats:
-    """(T,) 1 where switched on an odd number of times."""
-    return (np.searchsorted(at, t, side="right") % 2).astype(float)
+def on(t: Floats, at: Floats, within: float = 1e-9) -> Floats:
+    """(T,) 1 where switched on an odd number of times; each time takes so many s, along a straight line."""
+    passed = np.clip((t[:, None] - at) / within + 0.5, 0, 1)
+    switched: Floats = passed @ (-1.0) ** np.arange(len(at))
+    return switched
 
 
 def switched(form: str, p: Any, scene: Scene) -> Hooks:
@@ -49,10 +51,10 @@ def switched(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def gripped(form: str, p: Any, scene: Scene) -> Hooks:
-    """A part in the hand, kg at a point."""
+    """A part in the hand, kg at a point; the table gives its weight over, and takes it back, in a moment."""
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
-        held = p.mass * on(path.t, p.at)
+        held = p.mass * on(path.t, p.at, p.lift)
         return held[:, None] * (scene.belief.gravity - path.acceleration(p.point)), path.points(p.point)
 
     return pushed(load)
@@ -87,7 +89,7 @@ EVENTS = (
     ),
     Kind(
         *("gripped", "acceleration", "base", "force", ("once", "pick_and_place")),
-        {"mass": times(0.1), "point": near_com(0.08), "at": grips},
+        {"mass": times(0.1), "point": near_com(0.08), "at": grips, "lift": between(0.01, 0.15)},
         gripped,
         known=lambda form, p: {"kg": p.mass},
     ),
