@@ -46,9 +46,9 @@ def _step(xp: Any, s: State, p: Numbers) -> Array:
     """
     times = xp.atleast_1d(p["time"])
     length = (xp.where(s.counts > 1, s.counts * s.period, 0.0) + p.get("takes", 0.0))[:, None]
-    since = s.t[:, None] - times
+    since = s.t[:, None] - times[None]
     after = xp.where(length > 0, xp.clip(0.5 + since / xp.where(length > 0, length, 1.0), 0, 1), since >= 0)
-    return (after * (-1.0) ** xp.arange(len(times))).sum(1, keepdims=True)
+    return (after * (-1.0) ** xp.arange(len(times))[None]).sum(1, keepdims=True)
 
 
 def _payload(xp: Any, s: State, p: Numbers) -> Array:
@@ -168,7 +168,7 @@ def _dry(field: str) -> Make:
 
 def _local(xp: Any, s: State, p: Numbers) -> Array:
     """Against the velocity within a radius of a place, which ends softly over an edge: viscous, and dry."""
-    away = s.position - _vector(xp, p)
+    away = s.position - _vector(xp, p)[None]
     distance = xp.sqrt((away**2).sum(1, keepdims=True) + 1e-12)
     inside = 0.5 - 0.5 * xp.tanh((distance - p["radius"]) / p["edge"])
     speed = xp.sqrt((s.velocity**2).sum(1, keepdims=True) + CREEP**2)
