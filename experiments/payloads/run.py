@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Parts that are gripped and put down: when, how heavy, and is the bias right meanwhile? python run.py [--count 40].
 
-MuJoCo carries the tool (``experiments/validation``); a part of 0.05 to 2 kg is taken up and put down one to three times,
-or gripped once for good, in 0.01 to 0.15 s. The log is diagnosed, what was found is applied to the setup, and the same log
-is filtered with it.
+MuJoCo carries the tool (``experiments/validation``); a part of 0.05 to 2 kg is taken up and put down up to three times,
+or gripped once for good, in 0.01 to 0.15 s. The log is diagnosed, what was found is applied to the setup, and the same
+log is filtered with it.
 """
 
 import argparse
@@ -82,7 +82,7 @@ def one(seed):
 
 
 def inside(result, stamps, bias):
-    """Share of the bias that is within three of its standard deviations, and the largest miss in these, by the second."""
+    """Share of the bias within three of its standard deviations, and the largest miss in these, by the second."""
     at = np.searchsorted(result.t + result.start, np.arange(SETTLED, stamps[-1], 1.0))
     true = np.stack([np.interp(result.t[at] + result.start, stamps, one) for one in bias.T], 1)
     miss = np.abs(result.bias[at] - true) / result.bias_std[at]

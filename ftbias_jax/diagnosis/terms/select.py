@@ -96,7 +96,7 @@ class Search:
         reach = max(self.problem.durations) / FINE
         for _ in range(2):
             times = np.maximum(float(term.parameters["time"]) + reach * np.linspace(-1, 1, FINE), 0.0)
-            terms = [replace(term, parameters={"time": time}, used=()) for time in times]
+            terms = [replace(term, parameters={**term.parameters, "time": time}, used=()) for time in times]
             term = rank(make_library(self.problem, self.state, terms), prepared_fit)[0].term
             reach /= FINE / 2
         return term
