@@ -65,7 +65,7 @@ def forecast_case(seed):
         found = ft.identify_tool(setup, make_log(setup, scene, [], seed)).tool
         inertia = belief.tool.inertia[np.triu_indices(3)]
         truth = np.concatenate([[belief.tool.mass], belief.tool.com, inertia])
-        ratio = (found.values - truth) / told.plan
+        ratio = np.where(np.isfinite(found.stderr), found.values - truth, np.nan) / told.plan
     else:
         effect = make_effect(name, FORMS.get(name, "any_direction"), 0, scene, seed)
         problem, fit = fitted(setup, [make_log(setup, scene, [effect], seed)], name)
@@ -80,7 +80,13 @@ def forecast_case(seed):
             )
         ratio = (value - truth) / told.plan
     largest = made.used.max(1)
-    return {"name": name, "arm": belief.arm.name, "ratios": ratio[np.isfinite(ratio)], "shares": largest}
+    return {
+        "name": name,
+        "arm": belief.arm.name,
+        "ratios": ratio[np.isfinite(ratio)],
+        "missing": int((np.isfinite(told.plan) & ~np.isfinite(ratio)).sum()),
+        "shares": largest,
+    }
 
 
 def forecasts(count):
@@ -106,6 +112,7 @@ def forecasts(count):
     names = dict.fromkeys(case["name"] for case in cases)
     return {
         "all": spread(cases),
+        "expected_but_kept_by_identify": sum(case["missing"] for case in cases),
         "by_name": {name: spread([case for case in cases if case["name"] == name]) for name in names},
         "by_arm": {arm: spread([c for c in cases if c["arm"] == arm]) for arm in {c["arm"] for c in cases}},
         "largest_share_of_a_limit": float(np.max([case["shares"] for case in cases])),

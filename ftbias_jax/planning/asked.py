@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.calibration.tool.physical import NAMES, UNITS, data_sheet, tool_units
+from ftbias_jax.calibration.tool.shown import LEAST_KNOWN
 from ftbias_jax.diagnosis.regression.coordinates import can_move, scale_of, why_not_fitted
 from ftbias_jax.errors import UsageError
 from ftbias_jax.model.effects import compose
@@ -29,7 +30,10 @@ if TYPE_CHECKING:
 
 TOOL = "tool"
 """Asks for the tool's mass, centre of mass and inertia."""
-
+NOISE = "noise"
+"""Asks for the noise of the readings at rest, and for what each joint's speed adds to it."""
+POOR = 3.0
+"""Typical departures: a parameter, or a mixture of parameters, that stays less certain is not determined."""
 
 ROUNDING = 1e-12
 LOOSE = 0.3
@@ -42,7 +46,7 @@ class Asked(NamedTuple):
     """Numbers that are asked for. P of them."""
 
     name: str
-    """TOOL, or the name of an effect."""
+    """TOOL, NOISE, or the name of an effect."""
     labels: tuple[str, ...]
     units: tuple[str, ...]
     at: np.ndarray
@@ -51,13 +55,15 @@ class Asked(NamedTuple):
     """(P,) typical departures."""
     base: np.ndarray
     """All numbers of the effect, also those that no fit moves; of the tool none."""
+    poor: float = POOR
+    """Typical departures: what stays less certain is not determined; of the tool as ``identify`` has it."""
 
 
 def asked_for(name: str, model: Model, catalogue: Catalogue, stated: Mapping[str, EffectValues]) -> Asked:
     """The numbers of the tool or of an effect.
 
     Args:
-        name: TOOL, or an effect of the catalogue.
+        name: TOOL, NOISE, or an effect of the catalogue.
         model: what the setup states.
         catalogue: of the setup.
         stated: values of effects that are known from the setup or from a diagnosis; others have typical values.
@@ -69,7 +75,12 @@ def asked_for(name: str, model: Model, catalogue: Catalogue, stated: Mapping[str
         at = np.asarray(data_sheet(model.theta))
         scale = tool_units(at[0], at[[4, 7, 9]].max())
         scale[1:4] /= at[0]
-        return Asked(TOOL, NAMES, UNITS, at, scale, np.zeros(0))
+        return Asked(TOOL, NAMES, UNITS, at, scale, np.zeros(0), LEAST_KNOWN)
+    if name == NOISE:
+        joints = range(model.arm.angular.shape[0])
+        labels = (*(f"at_rest_{axis}" for axis in AXES), *(f"speed_of_joint_{j + 1}" for j in joints))
+        zero = np.zeros(len(labels))
+        return Asked(NOISE, labels, ("of itself",) * len(labels), zero, zero + 1, zero[:0])
     check_names([name], "for", catalogue)
     effect = catalogue[name]
     why = "it is read off single samples" if isinstance(effect.fit.search, Samples) else why_not_fitted(effect)

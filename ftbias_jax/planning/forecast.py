@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from ftbias_jax.types import Array
 
-POOR = 3.0
-"""Typical departures: a parameter, or a mixture of parameters, that stays less certain is not determined."""
 MUCH = 0.3
 """Part of a mixture, a unit vector, from which on a parameter is named as a part of it."""
 LEAST_NATS = 12.5
@@ -84,7 +82,7 @@ def forecast(
     cannot = [one for a, at in zip(asked, places, strict=True) for one in undetermined(both[np.ix_(at, at)], a)]
 
     def stds(told: np.ndarray) -> np.ndarray:
-        parts = [stds_of(told[np.ix_(at, at)], a.scale) for a, at in zip(asked, places, strict=True)]
+        parts = [stds_of(told[np.ix_(at, at)], a) for a, at in zip(asked, places, strict=True)]
         return np.concatenate(parts)
 
     separates = {}
@@ -138,23 +136,23 @@ def _extra(effects: Sequence[Effect]) -> str:
     return "; ".join(words) or "hang a known weight on the tool, or mount the sensor another way round"
 
 
-def stds_of(information: Float[np.ndarray, "P P"], scale: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
+def stds_of(information: Float[np.ndarray, "P P"], asked: Asked) -> Float[np.ndarray, " P"]:
     """(P,) standard errors, kg or m of a tool, say; NaN of parameters that mixtures which are left open consist of.
 
     What is left open beside a parameter, such as the size of a direction, does not count.
     """
-    values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
-    known = values >= POOR**-2
+    values, vectors = np.linalg.eigh(information * asked.scale[:, None] * asked.scale)
+    known = values >= asked.poor**-2
     std = np.sqrt((vectors[:, known] ** 2 / values[known]).sum(1))
     open_share = (vectors[:, ~known] ** 2).sum(1)
-    return np.where(open_share < MUCH**2, std * scale, np.nan)
+    return np.where(open_share < MUCH**2, std * asked.scale, np.nan)
 
 
 def undetermined(information: Float[np.ndarray, "P P"], asked: Asked) -> list[Cannot]:
-    """The mixtures of parameters that an information (P, P) leaves open: less certain than POOR standard deviations."""
+    """The mixtures of parameters that an information (P, P) leaves open: less certain than ``asked.poor``."""
     values, vectors = np.linalg.eigh(information * asked.scale[:, None] * asked.scale)
     found = []
-    for vector in vectors.T[values < POOR**-2]:
+    for vector in vectors.T[values < asked.poor**-2]:
         parts = [label for label, part in zip(asked.labels, np.abs(vector), strict=True) if part > MUCH]
         found.append(Cannot(", ".join(parts), SAME if len(parts) > 1 else NOTHING))
     return found

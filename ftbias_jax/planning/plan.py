@@ -17,7 +17,7 @@ from ftbias_jax.model.effects.types import Effect, EffectValues, Model
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.model.trajectories import working_range
-from ftbias_jax.planning.asked import TOOL, asked_for, inertia_std
+from ftbias_jax.planning.asked import NOISE, TOOL, asked_for, inertia_std
 from ftbias_jax.planning.checked import excess_at_rest, times, used_shares, within_limits
 from ftbias_jax.planning.climb import Task, best_shape, told_by
 from ftbias_jax.planning.forecast import forecast, information_of_logs
@@ -63,7 +63,8 @@ def plan(
 
     Args:
         setup: robot, sensor, tool, noise and limits.
-        to_find: "tool" for its mass, centre of mass and inertia; the name of an effect for its parameters; two names
+        to_find: "tool" for its mass, centre of mass and inertia; "noise" for that of the readings at rest and what
+            each joint's speed adds, of which nothing is forecast of logs at hand; the name of an effect for its parameters; two names
             with a colon between them for what tells one from the other.
         duration: s, of the motion.
         rate: samples a second of the log that will be recorded, and of the motion's table.
@@ -104,7 +105,7 @@ def plan(
     motion = motion_at(np.arange(round(duration * rate) + 1) / rate, duration, first, coefficients)
     task = task._replace(noise=noise_of(setup, motion.q, motion.dq, rate, task.points.t))
     of_plan = told_by(task, coefficients, names, catalogue)
-    of_logs = information_of_logs(make_problem(setup, logs)[0], names, numbers) if logs else None
+    of_logs = information_of_logs(make_problem(setup, logs)[0], names, numbers) if logs and names != (NOISE,) else None
     of_rest = told_by(task, STILL * coefficients, names, catalogue)
     entries = [catalogue[name] for name in names if name in catalogue]
     expected = forecast(asked, of_plan, of_rest, of_logs, entries)
@@ -125,8 +126,8 @@ def check_arguments(setup: Setup, names: tuple[str, ...], duration: float, rate:
     """
     if setup.pose is not None:
         raise UsageError("has a recorded pose instead of joints", field="setup", remedy="give a setup with [robot]")
-    if len(names) > 2 or len(set(names)) < len(names) or (len(names) == 2 and TOOL in names):
-        remedy = "give 'tool', an effect, or two different effects as A:B"
+    if len(names) > 2 or len(set(names)) < len(names) or (len(names) == 2 and {TOOL, NOISE} & {*names}):
+        remedy = "give 'tool', 'noise', an effect, or two different effects as A:B"
         raise UsageError(f"got {':'.join(names)!r}", field="for", remedy=remedy)
     if names == (TOOL,) and setup.sensor.compensated != "none":
         message = "the controller has subtracted the tool from the reading (sensor.compensated)"
