@@ -6,6 +6,7 @@ No effect is known here by name: an entry of the catalogue says which of its num
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -189,30 +190,35 @@ def inertia_std(asked: Sequence[Asked], model: Model, catalogue: Catalogue) -> n
 def columns(signals: Signals, known: Values, numbers: Any, names: tuple[str, ...], catalogue: Catalogue) -> Array:
     """(C, U, 6): of one name the derivatives of the reading; of two, for each, what tells it from the other.
 
-    The latter are, name by name, what the effect changes and then what the other one can do: what it changes, and its
-    derivatives; last what the tool's inertia (6,) can do, per standard deviation.
+    The latter are, name by name, what the reading with the effect departs by from that with the other one at the values
+    at which it comes nearest, and the derivatives by these; last what the tool's inertia (6,) can do, per standard
+    deviation.
 
     Args:
         signals: the motion and the model.
         known: effects that the setup states.
-        numbers: base and values (P,) of each name; of two names then ``inertia_std``.
+        numbers: base and values (P,) of each name; of two names also the values nearest to the other, and then
+            ``inertia_std``.
         names: one or two.
         catalogue: of the setup.
     """
 
-    def slopes(name: str, base: Array, at: Array) -> Array:
-        return jnp.moveaxis(jax.jacfwd(lambda x: reading(signals, known, base, x, name, catalogue))(at), -1, 0)
+    def read(name: str, base: Array, at: Array) -> Array:
+        return reading(signals, known, base, at, name, catalogue)
 
-    asked = [(name, *own) for name, own in zip(names, numbers, strict=False)]
-    if len(asked) == 1:
-        return slopes(*asked[0])
-    nominal = compose.predict(signals, {other: known[other] for other in known if other not in names}, catalogue)
+    def slopes(name: str, base: Array, at: Array) -> Array:
+        return jnp.moveaxis(jax.jacfwd(partial(read, name, base))(at), -1, 0)
+
+    if len(names) == 1:
+        return slopes(names[0], *numbers[0])
     parts: list[Array] = []
-    for name, base, at in asked:
-        parts += [(reading(signals, known, base, at, name, catalogue) - nominal)[None], slopes(name, base, at)]
     sheet = data_sheet(signals.model.theta)
+    for i, j in ((0, 1), (1, 0)):
+        (base, at, _), (its_base, _, near) = numbers[i], numbers[j]
+        gap = read(names[i], base, at) - read(names[j], its_base, near)
+        parts += [gap[None], slopes(names[j], its_base, near)]
 
     def with_inertia(share: Array) -> Array:
-        return reading(signals, known, sheet[:0], sheet.at[4:].add(share * numbers[2]), TOOL, catalogue)
+        return read(TOOL, sheet[:0], sheet.at[4:].add(share * numbers[2]))
 
     return jnp.concatenate([*parts, jnp.moveaxis(jax.jacfwd(with_inertia)(jnp.zeros_like(sheet[4:])), -1, 0)])

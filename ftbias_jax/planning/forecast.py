@@ -24,8 +24,8 @@ MUCH = 0.3
 """Part of a mixture, a unit vector, from which on a parameter is named as a part of it."""
 LEAST_NATS = 12.5
 """Two hypotheses are told apart at five standard deviations."""
-EXACT = 1e-3
-"""Share of its change of the reading that sets an effect apart: with less, two effects are the same to any motion."""
+HOPELESS = LEAST_NATS / 15
+"""nats of a plan of usual length: with less, not even the longest one tells two effects apart."""
 AS_GOOD = 0.9
 """A standard error that is this share of that of standing still or more is no reason to move."""
 SAME = "change the reading of every motion within the limits in the same way, but for bias and drift"
@@ -87,9 +87,9 @@ def forecast(
 
     separates = {}
     if len(asked) == 2:
-        name, first = ":".join(a.name for a in asked), len(asked[0].at)
-        separates[name] = float(min(separations(of_plan, first)))
-        cannot += _twins(name, both, first, effects)
+        name, second = ":".join(a.name for a in asked), len(asked[1].at)
+        separates[name] = float(min(separations(of_plan, second)))
+        cannot += _twins(name, both, second, effects)
     elif not np.isfinite(stds(both)).any():
         raise UsageError(f"no motion tells: it {NOTHING}", field=asked[0].name, remedy=_extra(effects))
     elif not (stds(of_plan) < AS_GOOD * np.nan_to_num(stds(of_rest), nan=np.inf)).any():
@@ -112,19 +112,18 @@ def _places(asked: Sequence[Asked]) -> list[np.ndarray]:
     if len(asked) == 1:
         return [np.arange(len(asked[0].at))]
     first, second = (len(a.at) for a in asked)
-    return [1 + np.arange(first), 2 + first + np.arange(second)]
+    return [2 + second + np.arange(first), 1 + np.arange(second)]
 
 
-def _twins(name: str, told: np.ndarray, first: int, effects: Sequence[Effect]) -> list[Cannot]:
+def _twins(name: str, told: np.ndarray, second: int, effects: Sequence[Effect]) -> list[Cannot]:
     """Whether two effects stay twins; if they do the same to every motion, nothing is planned."""
-    nats = [float(x) for x in separations(told, first)]
-    sizes = (told[0, 0] / 2, told[first + 1, first + 1] / 2)
-    if any(x < EXACT * size for x, size in zip(nats, sizes, strict=True)):
-        message = f"no motion separates {name.replace(':', ' and ')}: they {SAME}"
+    nats = float(min(separations(told, second)))
+    if nats < HOPELESS:
+        message = f"no motion separates {name.replace(':', ' and ')}, as large as they are taken to be: they {SAME}"
         raise UsageError(message, field="for", remedy=_extra(effects))
-    if min(nats) >= LEAST_NATS:
+    if nats >= LEAST_NATS:
         return []
-    why = f"separated by {min(nats):.1f} nats only, of {LEAST_NATS:g} for five standard deviations: plan for longer"
+    why = f"separated by {nats:.1f} nats only, of {LEAST_NATS:g} for five standard deviations: plan for longer"
     return [Cannot(name, why)]
 
 
