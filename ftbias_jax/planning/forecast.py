@@ -148,7 +148,7 @@ def stds_of(information: Float[np.ndarray, "P P"], asked: Asked) -> Float[np.nda
 
 
 def undetermined(information: Float[np.ndarray, "P P"], asked: Asked) -> list[Cannot]:
-    """The mixtures of parameters that an information (P, P) leaves open: less certain than ``asked.poor``."""
+    """The mixtures of parameters, kg or m of a tool, say, that an information (P, P) leaves open (``Asked.poor``)."""
     values, vectors = np.linalg.eigh(information * asked.scale[:, None] * asked.scale)
     found = []
     for vector in vectors.T[values < asked.poor**-2]:

@@ -64,7 +64,7 @@ def plan_page(plan: Plan) -> str:
         + section("What it does not tell", bullets(cannot))
         + section("What is not known", f"<p>{typeset(NOT_KNOWN)}</p>" + bullets(map(escape, plan.assumed)))
         + section("Where it goes", f"<div class='grid'>{paths}</div>")
-        + section("How much of the limits it uses", f"<div class='grid'>{used}</div>")
+        + section("How much of the limits it uses", f"<div class='grid'>{used}<div></div></div>")
         + section(
             "The joints", f"<p class='small'>Band: the travel that is allowed.</p><div class='grid'>{joints}</div>"
         )
@@ -121,7 +121,7 @@ def _used(plan: Plan) -> str:
             label(NAMES - 8, y + 16, name, "end", "name"),
             box(axes.left, y + 3, end - axes.left, ROW - 6, "fill-after"),
         ]
-        parts.append(label(end + 4, y + 16, f"{share:.0%}"))
+        parts.append(label(axes.left + axes.width + 6, y + 16, f"{share:.0%}"))
     one = float(axes.across(np.array(1.0)))
     parts.append(line(one, axes.top, one, axes.top + axes.height, "reference"))
     words = "; ".join(f"{name} {share:.0%}" for name, share in shares.items())
