@@ -136,7 +136,7 @@ def case(kind, number, folder):
     beside = against(setup, first, whole.t, replay(user, whole.t, joint_states(setup, whole)))
     diagnosis = ft.diagnose(setup, [beside])
     fixed = diagnosis.apply(setup)
-    made = mend_mjcf(fixed, str(folder / "scene.xml"), str(folder / "mended.xml"))
+    made = mend_mjcf(fixed, user, str(folder / "mended.xml"))
     (folder / "mended.xml").write_text(made.files[str(folder / "mended.xml")])
     mended = load_mjcf(folder / "mended.xml")
     seconds = time.perf_counter() - start

@@ -52,6 +52,10 @@ class RobotSetup:
     """(n,) rad/s (m/s), the largest speed of each joint; None = not stated."""
     name: str | None = None
     """Which robot of a fleet it is; None = not stated."""
+    site: str = ""
+    """Of the sensor in the MJCF, as the setup states it; "" = not stated."""
+    base_link: str = ""
+    """Body of the MJCF whose frame is the base frame, as the setup states it; "" = the world."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.setup.bodies import RigidBody, joined
-from ftbias_jax.setup.mjcf import Mjcf, distal_body, load_mjcf, mjcf_robot
+from ftbias_jax.setup.mjcf import Mjcf, distal_body, mjcf_robot
 from ftbias_jax.setup.rotations import quaternions_of
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.simulators.mended import OF_THE_ROBOT, Physics, not_expressed, physics_of
@@ -35,20 +35,18 @@ class Mended(NamedTuple):
     """What the format cannot say: effect, parameters, why."""
 
 
-def mend_mjcf(setup: Setup, like: str, output: str, site: str = "", base: str = "") -> Mended:
+def mend_mjcf(setup: Setup, scene: Mjcf, output: str) -> Mended:
     """The text of a scene with what a setup says of robot and tool.
 
     Args:
         setup: its effects are what a diagnosis found; its robot is that of the scene.
-        like: the scene.
+        scene: as it is.
         output: where the mended scene will be; files that it refers to are found from there.
-        site: of the sensor in the scene; "" = that of its sensors.
-        base: body whose frame is the setup's base frame; "" = the world.
 
     Raises:
-        SetupError: the scene cannot be compiled, or its arm is not the setup's.
+        SetupError: its arm is not the setup's.
     """
-    scene, physics = load_mjcf(like, site, base), physics_of(setup)
+    physics = physics_of(setup)
     _check_arm(setup, scene)
     texts = _Texts(scene, output)
     missing = not_expressed(setup, OF_THE_ROBOT)

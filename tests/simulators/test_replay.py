@@ -31,7 +31,8 @@ def cell(tmp_path_factory):
 def scene_with(cell, name, **effects):
     """A scene with effects in it."""
     folder, setup, _ = cell
-    (text,) = mend_mjcf(replace(setup, effects=effects), str(folder / "scene.xml"), str(folder / name)).files.values()
+    scene = load_mjcf(folder / "scene.xml")
+    (text,) = mend_mjcf(replace(setup, effects=effects), scene, str(folder / name)).files.values()
     (folder / name).write_text(text)
     return load_mjcf(folder / name)
 

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from made_scenes import write
 
+from ftbias_jax.cli.commands.simulators import export
 from ftbias_jax.cli.main import main
 from ftbias_jax.diagnosis.result import Candidate
 from ftbias_jax.errors import LogError
 from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.setup.mjcf import load_mjcf
 from ftbias_jax.simulators.sample import draw, names_of, posterior_of, ranges
 
 ROOT = np.array([[1.0, 0, 0], [0.8, 0.6, 0], [0, 0, 1.0]])
@@ -82,7 +84,9 @@ def test_a_diagnosis_without_a_joint_posterior_is_refused(stated):
         posterior_of(causes, content | {"posterior": stated}, CATALOGUE, "found.json")
 
 
-def test_the_command_writes_scenes_sensors_and_ranges(tmp_path, capsys):
+def test_the_command_writes_scenes_sensors_and_ranges(tmp_path, capsys, monkeypatch):
+    compiled = []
+    monkeypatch.setattr(export, "load_mjcf", lambda *names: compiled.append(names) or load_mjcf(*names))
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     scene, setup = write(tmp_path)
     (tmp_path / "found.json").write_text(json.dumps(made(behind=99.0)[1]))
@@ -99,6 +103,7 @@ def test_the_command_writes_scenes_sensors_and_ranges(tmp_path, capsys):
         tmp_path / "out",
     ]
     assert main(list(map(str, words))) == 0
+    assert compiled == [(str(scene), "", "")]  # once for all draws
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert names == [*(f"{i:03d}{end}" for i in range(3) for end in (".xml", "_sensor.toml")), "ranges.json"]
     masses = []
