@@ -28,10 +28,11 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.diagnosis.report.as_json import load_found
     from ftbias_jax.model.own_effects import catalogue_of_setup
     from ftbias_jax.simulators.mend_mjcf import mend_mjcf
-    from ftbias_jax.simulators.sample import draw, posterior_of, ranges
+    from ftbias_jax.simulators.sample import draw, posterior_of, ranges, with_rest
 
     causes, terms, content = load_found(arguments.found)
     posterior = posterior_of(causes, content, catalogue_of_setup(setup), arguments.found)
+    setup = with_rest(setup, content)
     names = [f"{i:03d}" for i in range(arguments.count)]
     places = {name: os.path.join(folder, f"{name}_sensor.toml") for name in names}
     check_outputs(places, [arguments.found, arguments.setup, arguments.like, *setup.files], force=True)
