@@ -16,13 +16,13 @@ from ftbias_jax.setup.export.payload import ExportOptions
 from ftbias_jax.setup.mjcf import Mjcf, load_mjcf
 from ftbias_jax.setup.save import WRITTEN_BY, write_text
 
-OF_SIMULATORS = ("mjcf", "sensor")
+OF_SIMULATORS = ("mjcf", "urdf", "sensor")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write or print what is asked for; returns 0."""
     output = arguments.output
-    if arguments.format == "mjcf":
+    if arguments.format in ("mjcf", "urdf"):
         return _mend(arguments)
     if output:
         check_writable(output)
@@ -84,14 +84,19 @@ def found_setup(arguments: argparse.Namespace) -> Setup:
 
 
 def _mend(arguments: argparse.Namespace) -> int:
-    """A mended scene, the sensor model and what neither says."""
+    """A mended scene or URDF, the sensor model and what neither says."""
     if not (arguments.like and arguments.output):
         field = "--output" if arguments.like else "--like"
-        raise UsageError("a scene is mended in a copy of it", field=field, remedy="--like SCENE.xml -o MENDED.xml")
+        raise UsageError("a file is mended in a copy of it", field=field, remedy="--like SCENE.xml -o MENDED.xml")
     setup, output = found_setup(arguments), arguments.output
-    from ftbias_jax.simulators.mend_mjcf import mend_mjcf
+    if arguments.format == "urdf":
+        from ftbias_jax.simulators.mend_urdf import mend_urdf
 
-    made = mend_mjcf(setup, scene_of(setup, arguments.like, arguments.site, arguments.base), output)
+        made = mend_urdf(setup, arguments.like, output, arguments.site)
+    else:
+        from ftbias_jax.simulators.mend_mjcf import mend_mjcf
+
+        made = mend_mjcf(setup, scene_of(setup, arguments.like, arguments.site, arguments.base), output)
     folder = os.path.dirname(output)
     beside = {name: os.path.join(folder, name) for name in ("sensor_model.toml", "not_expressed.json")}
     outputs = {"--output": output, **{path: path for path in list(made.files)[1:]}, **beside}
