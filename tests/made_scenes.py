@@ -65,6 +65,28 @@ SCENE = """<?xml version="1.0"?>
 </mujoco>
 """
 
+URDF = """<?xml version="1.0"?>
+<robot name="three">
+  <!-- comments stay -->
+  <link name="base"/><link name="upper"/><link name="lower"/><link name="wrist"/><link name="flange"/>
+  <link name="hand">
+    <inertial>
+      <origin xyz="0 0 0.05" rpy="0 0.3 1.5"/>  <!-- weighed -->
+      <mass value="0.7"/>
+      <inertia ixx="0.001" ixy="0" ixz="0" iyy="0.002" iyz="0" izz="0.0025"/>
+    </inertial>
+  </link>
+  <joint name="pan" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 0 2"/></joint>
+  <joint name="tilt" type="revolute"><parent link="upper"/><child link="lower"/>
+    <origin xyz="0.1 0 0" rpy="1.5707963267948966 0.2 0"/><axis xyz="0 1 0"/></joint>
+  <joint name="lift" type="prismatic"><parent link="lower"/><child link="wrist"/>
+    <origin xyz="0.1 0 0" rpy="1.5707963267948966 0 0"/><axis xyz="0 1 0"/></joint>
+  <joint name="end" type="fixed"><parent link="wrist"/><child link="flange"/><origin xyz="0 0 0.2"/></joint>
+  <joint name="grip" type="fixed"><parent link="flange"/><child link="hand"/>
+    <origin xyz="0 0 0.1" rpy="0.1 0 0"/></joint>
+</robot>
+"""
+
 TOML = """
 [robot]
 mjcf = "scene.xml"

@@ -82,6 +82,7 @@ def test_every_function_that_the_method_names_is_there():
 def test_examples_on_the_pages_are_the_scripts_that_are_run():
     """Formatters that know Markdown break the line that includes it, unless its fence is none of theirs."""
     included = {"python": "likelihood.py", "train": "train_the_noise.py", "own_effects": "magnet.py:effect"}
+    included |= {"simulators": "train_like_real.py:environment"}
     for page, script in included.items():
         assert f'```{{ .python }}\n--8<-- "examples/{script}"\n```' in (PAGES / "howto" / f"{page}.md").read_text()
 

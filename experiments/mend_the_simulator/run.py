@@ -3,8 +3,10 @@
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
+import jax
 import numpy as np
 from scipy.signal import butter, lfilter
 
@@ -13,15 +15,21 @@ import mujoco
 from common import keep, rounded
 
 import ftbias_jax as ft
+from ftbias_jax.diagnosis.apply import with_causes
+from ftbias_jax.diagnosis.report.as_json import to_json
 from ftbias_jax.io.cleaning import clean
+from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.setup.mjcf import load_mjcf, mjcf_tool
 from ftbias_jax.simulators.mend_mjcf import mend_mjcf
 from ftbias_jax.simulators.replay import against, joint_states, replay
+from ftbias_jax.simulators.sample import draw, posterior_of, with_rest
 from ftbias_jax.simulators.validate import validate
 
 SCENE = Path(__file__).with_name("scene.xml")
 TOML = '[robot]\nmjcf = "scene.xml"\n\n[sensor]\nnoise_std = [0.05, 0.002]\n'
 DURATION, RATE, EACH = 40.0, 200.0, 3
+DRAWS, TARE = 60, 1.0
+"""Simulators for each band; s at the start over which recording and simulations are set to zero."""
 KINDS = ("tool", "mounting", "cable", "delay and low-pass", "crosstalk", "drag", "flexible tool", "gravity and tool")
 
 
@@ -122,6 +130,46 @@ def errors_of(causes, truth):
     return found
 
 
+def draws_of(diagnosis, setup, seed):
+    """Setups drawn from the posterior of a diagnosis."""
+    content = to_json(diagnosis)
+    posterior, setup = posterior_of(diagnosis.causes, content, catalogue_of_setup(setup)), with_rest(setup, content)
+    rng = np.random.default_rng(seed)
+    return [with_causes(setup, draw(posterior, rng), diagnosis.terms) for _ in range(DRAWS)]
+
+
+@partial(jax.jit, static_argnames="memory")
+def read(sensor, wrench, dq, key, memory):
+    """(T, 6) what a sensor model reads of a felt wrench (T, 6), with fresh bias, drift and noise."""
+    state = sensor.start(wrench[0], sensor.draw(key), memory=memory)
+
+    def step(state, sample):
+        load, speed, key = sample
+        return sensor.step(state, load, 1 / RATE, sensor.draw(key), dq=speed)
+
+    return jax.lax.scan(step, state, (wrench, dq, jax.random.split(key, len(wrench))))[1]
+
+
+def readings(drawn, user, log, states, folder):
+    """What each of the drawn simulators reads in the motion of a log."""
+    for i, one in enumerate(drawn):
+        (folder / "drawn.xml").write_text(
+            mend_mjcf(one, user, str(folder / "drawn.xml")).files[str(folder / "drawn.xml")]
+        )
+        felt, sensor = replay(load_mjcf(folder / "drawn.xml"), log.t, states), ft.sensor_model(one)
+        yield np.asarray(read(sensor, felt, states[:, :, 1], jax.random.key(i), sensor.memory(1 / RATE)))
+
+
+def covered(log, simulated):
+    """Share of the readings in the 95 % bands of simulated ones, and the bands' mean half width in noise sigmas."""
+    start = log.t < TARE
+    tared = [wrench - np.nanmean(wrench[start], axis=0) for wrench in (log.wrench, *simulated)]
+    low, high = np.nanquantile(tared[1:], (0.025, 0.975), axis=0)[:, ~start]
+    reading = tared[0][~start]
+    there = np.isfinite(reading)
+    return ((reading >= low) & (reading <= high))[there].mean(), np.nanmean(high - low, axis=0) / 2
+
+
 def case(kind, number, folder):
     """One scene, one recording to mend it by, one to judge it by."""
     rng = np.random.default_rng([KINDS.index(kind), number])
@@ -136,11 +184,14 @@ def case(kind, number, folder):
     beside = against(setup, first, whole.t, replay(user, whole.t, joint_states(setup, whole)))
     diagnosis = ft.diagnose(setup, [beside])
     fixed = diagnosis.apply(setup)
-    made = mend_mjcf(fixed, str(folder / "scene.xml"), str(folder / "mended.xml"))
+    made = mend_mjcf(fixed, user, str(folder / "mended.xml"))
     (folder / "mended.xml").write_text(made.files[str(folder / "mended.xml")])
     mended = load_mjcf(folder / "mended.xml")
     seconds = time.perf_counter() - start
     judged = validate(setup, fixed, [second], (user, mended))
+    second = clean(second)
+    drawn = draws_of(diagnosis, setup, number)
+    share, width = covered(second, list(readings(drawn, user, second, joint_states(setup, second), folder)))
     lines = [text.splitlines() for text in (SCENE.read_text(), (folder / "mended.xml").read_text())]
     return {
         "kind": kind,
@@ -152,6 +203,8 @@ def case(kind, number, folder):
         "after_sigmas": judged.after.sigmas,
         "shrink": judged.shrink,
         "shrink_stderr": judged.shrink_stderr,
+        "covered": share,
+        "half_width_sigmas": float((width / setup.sensor.noise_std).mean()),
         "errors_in_stderr": errors_of(diagnosis.causes, truth),
         "lines_changed": len(set(lines[0]) ^ set(lines[1])),
         "seconds": seconds,
@@ -172,6 +225,7 @@ def main():
         "grown": int((shrinks < 0).sum()),
         "parameters": len(errors),
         "inside_three_stderr": float((errors < 3).mean()),
+        "covered": float(np.mean([one["covered"] for one in cases])),
     }
     keep(__file__, {"summary": summary, "cases": [rounded_case(one) for one in cases]})
     print(summary)

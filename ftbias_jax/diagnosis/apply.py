@@ -68,8 +68,9 @@ def _with_tool(setup: Setup, causes: Sequence[Candidate]) -> tuple[Setup, list[C
             continue
         for name, key in stated.items():
             value, stderr = (np.asarray(x[name], float) for x in (cause.parameters, cause.stderr))
-            exact: dict[str, Any] = {key: value, f"{key}_std": stderr}
-            tool = replace(tool, **{k: float(x) if not x.ndim else x for k, x in exact.items()})
+            pair = {key: value, f"{key}_std": stderr}.items()
+            exact: dict[str, Any] = {k: float(x) if not x.ndim else x for k, x in pair}
+            tool = replace(tool, **exact)
         comments |= {f"tool.{stated[name]}": f"ftbias diagnose: {words}" for name, words in parameter_words(cause)}
     return replace(setup, tool=tool, comments=comments), others
 

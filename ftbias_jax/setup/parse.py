@@ -117,7 +117,8 @@ def _robot(top: Section, pose: PoseSetup | None, scene: Mjcf | None) -> types.Ro
         screws, translation, rotation = map(read_only, (np.zeros((count, 6)), np.zeros(3), np.eye(3)))
         return types.RobotSetup(screws, POSE_NAMES[:count], translation, rotation, read(section, "gravity"), POSE)
     section = open_section(top, "robot", required=True)
-    return replace(_arm(section, scene), name=read(section, "name"))
+    stated: dict[str, Any] = {key: read(section, key) or "" for key in ("site", "base_link")} if scene else {}
+    return replace(_arm(section, scene), name=read(section, "name"), **stated)
 
 
 def _arm(section: Section, scene: Mjcf | None) -> types.RobotSetup:

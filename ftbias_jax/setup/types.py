@@ -52,6 +52,12 @@ class RobotSetup:
     """(n,) rad/s (m/s), the largest speed of each joint; None = not stated."""
     name: str | None = None
     """Which robot of a fleet it is; None = not stated."""
+    site: str = ""
+    """Of the sensor in the MJCF, as the setup states it; "" = not stated."""
+    base_link: str = ""
+    """Body of the MJCF whose frame is the base frame, as the setup states it; "" = the world."""
+    urdf_links: tuple[str, str] | None = None
+    """Base and flange in the URDF; None = the arm is of no URDF."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +103,8 @@ class ToolSetup:
     """kg, standard error; None = not stated."""
     center_of_mass_std: Array | None = None
     """(3,) m, standard errors; None = not stated."""
+    urdf_link: str = ""
+    """Link of the URDF that it is; "" = not stated."""
 
     @property
     def unknown(self) -> tuple[str, ...]:

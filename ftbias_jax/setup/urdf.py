@@ -216,6 +216,7 @@ def urdf_robot(urdf: Urdf, base_link: str, tip_link: str, gravity: Array) -> Rob
         gravity=gravity,
         position_limits=read_only(np.array([(joint.lower, joint.upper) for joint in moving])),
         velocity_limits=read_only(np.array([joint.velocity for joint in moving])),
+        urdf_links=(base_link, tip_link),
     )
 
 
@@ -239,7 +240,7 @@ def urdf_tool(urdf: Urdf, tip_link: str, link: str, sensor: SensorSetup) -> Tool
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     moments = [_numbers(inertial.find("inertia"), name, (0.0,), urdf, field) for name in names]
     inertia = (turn @ inertia_matrix(np.concatenate(moments)) @ turn.T)[np.triu_indices(3)]
-    return ToolSetup(float(kilograms), read_only(center), read_only(inertia))
+    return ToolSetup(float(kilograms), read_only(center), read_only(inertia), urdf_link=link)
 
 
 def fixed_pose(urdf: Urdf, tip_link: str, link: str) -> Pose:

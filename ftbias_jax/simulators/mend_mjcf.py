@@ -7,49 +7,44 @@ encoder's offset, and a cable is a tendon with slack. What stands in included fi
 from __future__ import annotations
 
 import os
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from ftbias_jax.setup.bodies import RigidBody, joined
-from ftbias_jax.setup.mjcf import Mjcf, distal_body, load_mjcf, mjcf_robot
+from ftbias_jax.setup.mjcf import Mjcf, distal_body, mjcf_robot
 from ftbias_jax.setup.rotations import quaternions_of
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.simulators.mended import OF_THE_ROBOT, Physics, not_expressed, physics_of
+from ftbias_jax.simulators.mended import (
+    OF_THE_ROBOT,
+    SAME,
+    Mended,
+    Physics,
+    check_arm,
+    not_expressed,
+    physics_of,
+    same_body,
+)
 from ftbias_jax.simulators.xml_text import Document, numbers
 from ftbias_jax.types import Array
 
-SAME = 1e-9
-"""Relative: values nearer than this are left as they are written."""
 ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 FILES = ("file", "fileleft", "fileright", "fileup", "filedown", "filefront", "fileback")
 """Attributes that name a file."""
 
 
-class Mended(NamedTuple):
-    """A simulator's file, mended."""
-
-    files: dict[str, str]
-    """Path -> text, the file itself first, then changed copies of what it includes."""
-    not_expressed: list[dict[str, Any]]
-    """What the format cannot say: effect, parameters, why."""
-
-
-def mend_mjcf(setup: Setup, like: str, output: str, site: str = "", base: str = "") -> Mended:
+def mend_mjcf(setup: Setup, scene: Mjcf, output: str) -> Mended:
     """The text of a scene with what a setup says of robot and tool.
 
     Args:
         setup: its effects are what a diagnosis found; its robot is that of the scene.
-        like: the scene.
+        scene: as it is.
         output: where the mended scene will be; files that it refers to are found from there.
-        site: of the sensor in the scene; "" = that of its sensors.
-        base: body whose frame is the setup's base frame; "" = the world.
 
     Raises:
-        SetupError: the scene cannot be compiled, or its arm is not the setup's.
+        SetupError: its arm is not the setup's.
     """
-    scene, physics = load_mjcf(like, site, base), physics_of(setup)
-    _check_arm(setup, scene)
+    physics = physics_of(setup)
+    check_arm(setup, mjcf_robot(scene), scene.file, "--mjcf SCENE.xml")
     texts = _Texts(scene, output)
     missing = not_expressed(setup, OF_THE_ROBOT)
     for name, done in {
@@ -61,14 +56,6 @@ def mend_mjcf(setup: Setup, like: str, output: str, site: str = "", base: str = 
     }.items():
         missing += [{"effect": name, "parameters": setup.effects.get(name, {}), "why": done}] if done else []
     return Mended(texts.written(), missing)
-
-
-def _check_arm(setup: Setup, scene: Mjcf) -> None:
-    theirs = mjcf_robot(scene).screws
-    same = theirs.shape == setup.robot.screws.shape and np.allclose(theirs, setup.robot.screws, atol=1e-6)
-    if not same:
-        remedy = "draft the setup from it: ftbias setup --mjcf SCENE.xml"
-        raise scene.error("robot", "its arm is not the one of the setup", remedy)
 
 
 class _Texts:
@@ -141,7 +128,7 @@ def _mend_tool(texts: _Texts, physics: Physics) -> str:
     wanted = wanted.seen_from(physics.sensor_believed.T, -physics.sensor_believed.T @ physics.sensor_position)
     bodies = scene.distal_bodies()
     whole = distal_body(scene, bodies)
-    if whole is not None and _same_body(whole, wanted):
+    if whole is not None and same_body(whole, wanted):
         return ""
     if any(d.elements[i].attributes.get("inertiafromgeom") == "true" for d, i in texts.all("compiler")):
         return "the compiler's inertiafromgeom is true: MuJoCo takes all inertia from geoms"
@@ -152,15 +139,6 @@ def _mend_tool(texts: _Texts, physics: Physics) -> str:
             _write_inertial(scene, *place, body, left)
             return ""
     return "no body of the tool can take the difference: what is left of it would be no body"
-
-
-def _same_body(one: RigidBody, other: RigidBody) -> bool:
-    size = np.abs(other.inertia).max() + SAME
-    return bool(
-        abs(one.mass - other.mass) <= SAME * other.mass
-        and np.allclose(one.center, other.center, rtol=0, atol=SAME)
-        and np.allclose(one.inertia, other.inertia, rtol=0, atol=1e-7 * size)
-    )
 
 
 def _rigid(scene: Mjcf, bodies: list[int]) -> list[int]:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ftbias_jax.errors import SetupError
 from ftbias_jax.model.effects.catalogue import complete, values_from_setup
 from ftbias_jax.model.effects.compose import transform
 from ftbias_jax.model.effects.types import Model, Signals
@@ -16,12 +17,25 @@ from ftbias_jax.model.wrench.inertia import about_center_of_mass
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.bodies import RigidBody
 from ftbias_jax.setup.rotations import rotation_from_vector
-from ftbias_jax.setup.types import Setup, inertia_matrix
+from ftbias_jax.setup.types import RobotSetup, Setup, inertia_matrix
 from ftbias_jax.simulators.sensor_model import EFFECTS
 from ftbias_jax.types import Array
 
 OF_THE_ROBOT = ("tool_mass", "tool_com", "tool_inertia", "gravity_tilt", "mount_rotation", "encoder_offset", "cable")
 """Effects that a simulator's own file may state."""
+
+
+SAME = 1e-9
+"""Relative: values nearer than this are left as they are written."""
+
+
+class Mended(NamedTuple):
+    """A simulator's file, mended."""
+
+    files: dict[str, str]
+    """Path -> text, the file itself first, then changed copies of what it includes."""
+    not_expressed: list[dict[str, Any]]
+    """What the format cannot say: effect, parameters, why."""
 
 
 class Physics(NamedTuple):
@@ -72,6 +86,28 @@ def physics_of(setup: Setup) -> Physics:
         sensor_position=setup.sensor.translation,
         offsets=-np.asarray(moved.q)[0],
         cable={key: np.asarray(x) for key, x in of_robot["cable"].items()} if "cable" in of_robot else None,
+    )
+
+
+def check_arm(setup: Setup, theirs: RobotSetup, file: str, draft: str) -> None:
+    """Refuse a file whose arm is not that of the setup; ``draft`` is the option that drafts a setup from it.
+
+    Raises:
+        SetupError: the joints' axes are elsewhere.
+    """
+    screws = setup.robot.screws
+    if theirs.screws.shape != screws.shape or not np.allclose(theirs.screws, screws, atol=1e-6):
+        remedy = f"draft the setup from it: ftbias setup {draft}"
+        raise SetupError("its arm is not the one of the setup", file=file, field="robot", remedy=remedy)
+
+
+def same_body(one: RigidBody, other: RigidBody) -> bool:
+    """Whether they differ by rounding alone."""
+    size = np.abs(other.inertia).max() + SAME
+    return bool(
+        abs(one.mass - other.mass) <= SAME * other.mass
+        and np.allclose(one.center, other.center, rtol=0, atol=SAME)
+        and np.allclose(one.inertia, other.inertia, rtol=0, atol=1e-7 * size)
     )
 
 

@@ -27,6 +27,8 @@ from ftbias_jax.setup.mjcf import Mjcf
 from ftbias_jax.setup.types import Setup, sign_of
 from ftbias_jax.types import Array
 
+MODEL = tuple(name.replace("beyond", "wrench_model") for name in BEYOND)
+"""Names in [log.columns] of the wrench that a simulator predicts for the log, N and Nm."""
 EVERY = 1000
 """Samples between two reports of progress."""
 STEP, MOST_STEPS = 0.05, 100
@@ -144,6 +146,24 @@ def against(setup: Setup, log: Log, t: Array, wrench: Array, states: Array | Non
         name: Column(whole.t, np.interp(whole.t, t, wrench[:, k]) - nominal[:, k]) for k, name in enumerate(BEYOND)
     }
     return log._replace(columns={**log.columns, **columns})
+
+
+def against_columns(setup: Setup, log: Log) -> Log:
+    """``against`` the wrench that a log brings in its columns ``MODEL``, in the sign that the sensor reports.
+
+    A log without them stays as it is.
+
+    Raises:
+        LogError: some of the six are missing, or do not last as long as the log.
+    """
+    there = [log.columns[name] for name in MODEL if name in log.columns]
+    if not there:
+        return log
+    if len(there) < len(MODEL):
+        remedy = f"name all six in [log.columns]: {', '.join(MODEL)}"
+        raise LogError(f"has {len(there)} of six columns", file=log.file, field="wrench_model", remedy=remedy)
+    t = there[0].t
+    return against(setup, log, t, sign_of(setup.sensor.reports) * np.stack([column.at(t) for column in there], 1))
 
 
 def read_against(path: str | os.PathLike[str], setup: Setup, log: Log) -> Log:

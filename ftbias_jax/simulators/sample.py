@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,8 +11,13 @@ import numpy as np
 from ftbias_jax.diagnosis.result import Candidate
 from ftbias_jax.errors import LogError
 from ftbias_jax.model.effects.types import Effect
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.simulators.mended import OF_THE_ROBOT
+from ftbias_jax.simulators.sensor_model import EFFECTS
 from ftbias_jax.types import Array
 
+FAINT = 0.1
+"""Of the noise: a smaller rest of the gap counts as none."""
 TRIES = 100
 """Draws of one sample before what is outside of its bounds is put on them."""
 
@@ -69,6 +75,35 @@ def posterior_of(
         twins=tuple(others),
         odds=tuple(_odds(cause, twins, seconds) for cause, twins in zip(known, others, strict=True)),
     )
+
+
+def with_rest(setup: Setup, content: Mapping[str, Any]) -> Setup:
+    """The setup with the rest of the gap, which no drawn simulator has, as correlated noise of its sensor.
+
+    That is what no cause explains, and what neither a scene nor a sensor model can say. It has the size of the held-out
+    gap, and varies as fast as the band of frequencies that has most of it.
+
+    Args:
+        setup: of the diagnosis.
+        content: of the saved diagnosis; without ``gap`` the setup stays as it is.
+    """
+    if not (gap := content.get("gap")):
+        return setup
+    before, after, noise = (
+        np.asarray(x, float) for x in (gap["before"]["rms"], gap["after"]["rms"], gap["noise_floor"])
+    )
+    found = (*content.get("causes", ()), *content.get("terms", ()))
+    unsaid = sum(one["shrink"] for one in found if one.get("effect") not in (*OF_THE_ROBOT, *EFFECTS))
+    rest = np.sqrt(np.maximum(after**2 - noise**2 + unsaid * (before**2 - noise**2), 0))
+    rest = np.where(rest > FAINT * noise, rest, 0)
+    if not rest.any():
+        return setup
+    low, high, _ = max(content["where"]["bands"], key=lambda band: band[2])
+    time = (
+        np.full(6, 1 / (np.pi * (low + high))) if setup.sensor.correlated_time is None else setup.sensor.correlated_time
+    )
+    own = 0.0 if setup.sensor.correlated_std is None else setup.sensor.correlated_std
+    return replace(setup, sensor=replace(setup.sensor, correlated_std=np.hypot(own, rest), correlated_time=time))
 
 
 def names_of(causes: Sequence[Candidate]) -> tuple[str, ...]:

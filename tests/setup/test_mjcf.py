@@ -71,6 +71,12 @@ def test_mass_centre_and_inertia_are_those_of_mujoco_in_any_base_frame(scene):
         assert_close(ours(setup, *motion), reading_of_mujoco(model, joints, *motion))
 
 
+def test_a_setup_from_memory_knows_site_and_base_link(scene):
+    stated = {"mjcf": str(scene[0]), "site": "ft_site", "base_link": "link2"}
+    robot = parse_setup({"robot": stated, "sensor": {"noise_std": 0.1}}).robot
+    assert (robot.site, robot.base_link) == ("ft_site", "link2")
+
+
 def test_gravity_limits_and_the_tool_are_those_of_the_file_unless_the_setup_states_them(scene):
     scene[0].write_text(SCENE.replace("0 0 -9.81", "0 1 -9.7"))
     robot = load_setup(scene[1]).robot

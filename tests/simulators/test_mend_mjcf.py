@@ -13,6 +13,7 @@ from ftbias_jax.model.effects.catalogue import values_from_setup
 from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import load_setup
+from ftbias_jax.setup.mjcf import load_mjcf
 from ftbias_jax.simulators.mend_mjcf import mend_mjcf
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
@@ -34,7 +35,7 @@ def scene(tmp_path):
 
 
 def mended(setup, scene, output):
-    made = mend_mjcf(setup, str(scene), str(output))
+    made = mend_mjcf(setup, load_mjcf(scene), str(output))
     for path, text in made.files.items():
         with open(path, "w") as file:
             file.write(text)
@@ -70,7 +71,7 @@ def test_mujoco_reads_of_the_mended_file_what_the_model_with_the_effects_predict
 
 
 def test_a_setup_without_effects_leaves_the_file_as_it_is_to_the_byte(scene, tmp_path):
-    made = mend_mjcf(load_setup(scene[1]), str(scene[0]), str(tmp_path / "mended.xml"))
+    made = mend_mjcf(load_setup(scene[1]), load_mjcf(scene[0]), str(tmp_path / "mended.xml"))
     assert list(made.files.values()) == [SCENE]
 
 
@@ -118,23 +119,23 @@ def test_the_heaviest_body_takes_the_difference_also_in_an_included_file_and_fro
 def test_what_the_file_cannot_say_is_listed_with_the_reason(scene, tmp_path):
     effects = {"tool_flexibility": {"frequency": 9.0, "damping_ratio": 0.1}, "low_pass": {"cutoff": 9.0}}
     setup = replace(load_setup(scene[1]), effects=effects)
-    made = mend_mjcf(setup, str(scene[0]), str(tmp_path / "mended.xml"))
+    made = mend_mjcf(setup, load_mjcf(scene[0]), str(tmp_path / "mended.xml"))
     assert [(x["effect"], x["parameters"]) for x in made.not_expressed] == [
         ("tool_flexibility", effects["tool_flexibility"])
     ]
     assert "further joints" in made.not_expressed[0]["why"]
     scene[0].write_text(SCENE.replace("<compiler ", '<compiler inertiafromgeom="true" '))
     setup = replace(setup, effects={"tool_mass": {"mass": 0.9}})
-    made = mend_mjcf(setup, str(scene[0]), str(tmp_path / "mended.xml"))
+    made = mend_mjcf(setup, load_mjcf(scene[0]), str(tmp_path / "mended.xml"))
     assert made.not_expressed[0]["effect"] == "tool"
     assert "inertiafromgeom" in made.not_expressed[0]["why"]
     setup = replace(setup, effects={"tool_mass": {"mass": 0.01}})
     scene[0].write_text(SCENE)
-    assert "would be no body" in mend_mjcf(setup, str(scene[0]), "mended.xml").not_expressed[0]["why"]
+    assert "would be no body" in mend_mjcf(setup, load_mjcf(scene[0]), "mended.xml").not_expressed[0]["why"]
 
 
 def test_a_scene_with_another_arm_is_refused(scene):
     setup = load_setup(scene[1])
     scene[0].write_text(SCENE.replace('pos="0 0 0.33"', 'pos="0 0 0.3"'))
     with pytest.raises(SetupError, match="its arm is not the one of the setup"):
-        mend_mjcf(setup, str(scene[0]), "mended.xml")
+        mend_mjcf(setup, load_mjcf(scene[0]), "mended.xml")

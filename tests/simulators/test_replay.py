@@ -2,17 +2,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_scenes import SCENE, reading_of_mujoco, write
+from made_scenes import SCENE, TOML, reading_of_mujoco, write
 
 from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.errors import LogError, SetupError
+from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.compose import BEYOND
 from ftbias_jax.model.simulate_log import simulate
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.mjcf import load_mjcf
 from ftbias_jax.simulators.mend_mjcf import mend_mjcf
-from ftbias_jax.simulators.replay import against, joint_states, read_against, replay
+from ftbias_jax.simulators.replay import MODEL, against, against_columns, joint_states, read_against, replay
 from ftbias_jax.simulators.validate import validate
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
@@ -31,7 +33,8 @@ def cell(tmp_path_factory):
 def scene_with(cell, name, **effects):
     """A scene with effects in it."""
     folder, setup, _ = cell
-    (text,) = mend_mjcf(replace(setup, effects=effects), str(folder / "scene.xml"), str(folder / name)).files.values()
+    scene = load_mjcf(folder / "scene.xml")
+    (text,) = mend_mjcf(replace(setup, effects=effects), scene, str(folder / name)).files.values()
     (folder / name).write_text(text)
     return load_mjcf(folder / name)
 
@@ -105,6 +108,24 @@ def test_a_file_has_the_stamps_of_the_log_or_its_seconds_and_its_sign(cell, tmp_
         beside = read_against(tmp_path / "sim.npz", setup, log)
         expected = against(setup, log, log.t, wrench)
         np.testing.assert_allclose(beside.columns["beyond_fz"].values, expected.columns["beyond_fz"].values, atol=1e-3)
+
+
+def test_a_log_may_bring_the_wrench_of_its_simulator_in_columns_of_its_own(cell, tmp_path):
+    folder, _, made = cell
+    columns = {name: name.removeprefix("wrench_model_") for name in MODEL}
+    text = "\n".join(f'{name} = "sim_{axis}"' for name, axis in columns.items())
+    (folder / "columns.toml").write_text(f"{TOML}reports = 'wrench_on_sensor'\n[log.columns]\n{text}\n")
+    setup, wrench = load_setup(folder / "columns.toml"), np.cumsum(np.ones_like(made.log.wrench), 0)
+    arrays = {f"sim_{axis}": -wrench[:, k] for k, axis in enumerate(columns.values())}
+    np.savez(tmp_path / "log.npz", t=made.log.t, q=made.log.q, wrench=made.log.wrench, **arrays)
+    log = read_log(tmp_path / "log.npz", setup)
+    beside, expected = against_columns(setup, log), against(setup, log, log.t, wrench)
+    for name in BEYOND:
+        np.testing.assert_allclose(beside.columns[name].values, expected.columns[name].values, atol=1e-6)
+    assert against_columns(setup, made.log) is made.log
+    some = {name: column for name, column in log.columns.items() if name != "wrench_model_tz"}
+    with pytest.raises(LogError, match=r"wrench_model: has 5 of six columns.*wrench_model_fx"):
+        against_columns(setup, log._replace(columns=some))
 
 
 @pytest.mark.parametrize(

@@ -1,14 +1,18 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from made_scenes import write
 
+from ftbias_jax.cli.commands.simulators import export
 from ftbias_jax.cli.main import main
 from ftbias_jax.diagnosis.result import Candidate
 from ftbias_jax.errors import LogError
 from ftbias_jax.model.effects.catalogue import CATALOGUE
-from ftbias_jax.simulators.sample import draw, names_of, posterior_of, ranges
+from ftbias_jax.setup import load_setup
+from ftbias_jax.setup.mjcf import load_mjcf
+from ftbias_jax.simulators.sample import draw, names_of, posterior_of, ranges, with_rest
 
 ROOT = np.array([[1.0, 0, 0], [0.8, 0.6, 0], [0, 0, 1.0]])
 CORRELATION = np.pad(ROOT @ ROOT.T, ((0, 1), (0, 1)))
@@ -71,6 +75,26 @@ def test_a_twin_stands_in_as_often_as_its_odds_say():
     assert abs(found["high"][0] - found["low"][0] - 2 * 1.96 * 0.01) < 0.006
 
 
+def test_what_is_left_of_the_gap_is_correlated_noise_of_every_sample(tmp_path):
+    setup = load_setup(write(tmp_path)[1])
+    rms = {name: {"rms": [x, 0.05, 0.05, 0.002, 0.002, 0.002]} for name, x in (("before", 0.5), ("after", 0.13))}
+    content = {
+        "gap": {**rms, "noise_floor": [0.05] * 3 + [0.002] * 3},
+        "where": {"bands": [[0, 0.1, 0.2], [0.1, 0.3, 0.8]]},
+    }
+    sensor = with_rest(setup, content).sensor
+    np.testing.assert_allclose(sensor.correlated_std, [0.12, 0, 0, 0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(sensor.correlated_time, 1 / (2 * np.pi * 0.2))
+    # A term is no part of a sample: its share of the gap is left, too.
+    term = with_rest(setup, content | {"terms": [{"drive": "velocity", "shrink": 0.9}]}).sensor
+    assert term.correlated_std[0] == pytest.approx(np.sqrt(0.12**2 + 0.9 * (0.5**2 - 0.05**2)))
+    own = with_rest(replace(setup, sensor=sensor), content).sensor
+    np.testing.assert_allclose(own.correlated_std[0], 0.12 * np.sqrt(2))
+    assert with_rest(setup, {}) is setup
+    faint = {**content, "gap": {**content["gap"], "after": content["gap"]["before"] | {"rms": [0.0501, 0, 0, 0, 0, 0]}}}
+    assert with_rest(setup, faint) is setup
+
+
 def test_numbers_of_lists_have_names_of_their_own():
     assert names_of([cause("gain", {"gain": [1.0] * 6}, {})]) == tuple(f"gain.gain[{i}]" for i in range(6))
 
@@ -82,7 +106,9 @@ def test_a_diagnosis_without_a_joint_posterior_is_refused(stated):
         posterior_of(causes, content | {"posterior": stated}, CATALOGUE, "found.json")
 
 
-def test_the_command_writes_scenes_sensors_and_ranges(tmp_path, capsys):
+def test_the_command_writes_scenes_sensors_and_ranges(tmp_path, capsys, monkeypatch):
+    compiled = []
+    monkeypatch.setattr(export, "load_mjcf", lambda *names: compiled.append(names) or load_mjcf(*names))
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     scene, setup = write(tmp_path)
     (tmp_path / "found.json").write_text(json.dumps(made(behind=99.0)[1]))
@@ -99,6 +125,7 @@ def test_the_command_writes_scenes_sensors_and_ranges(tmp_path, capsys):
         tmp_path / "out",
     ]
     assert main(list(map(str, words))) == 0
+    assert compiled == [(str(scene), "", "")]  # once for all draws
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert names == [*(f"{i:03d}{end}" for i in range(3) for end in (".xml", "_sensor.toml")), "ranges.json"]
     masses = []

@@ -17,6 +17,7 @@ from ftbias_jax.fleet.entry import LOSS
 from ftbias_jax.fleet.find import is_folder
 from ftbias_jax.fleet.quality import of_diagnosis
 from ftbias_jax.io import read_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.outputs import output_of_setup
 from ftbias_jax.io.write.ours import DIAGNOSIS, PAGE, SETUP
 from ftbias_jax.runtime.imports import many_imports
@@ -55,6 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
 
             pairs = zip(arguments.against, logs, strict=True)
             logs = [read_against(path, setup, log) for path, log in pairs]
+        else:
+            logs = [_against_columns(setup, log) for log in logs]
         without, unchecked = tuple(arguments.without), arguments.unchecked
         diagnosis = diagnose(setup, logs, names, without=without, unchecked=unchecked, progress=stages)
     diagnosis = diagnosis._replace(command=_command(paths, arguments.setup))
@@ -76,6 +79,15 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"ftbias: not applied: {why}", file=sys.stderr)
     code = tell_repairs(zip(paths, diagnosis.repairs, strict=True))
     return 1 if not_stated else code
+
+
+def _against_columns(setup: Setup, log: Log) -> Log:
+    """A log whose columns bring the wrench of a simulator, to be diagnosed against that; any other as it is."""
+    if not log.columns:
+        return log
+    from ftbias_jax.simulators.replay import against_columns
+
+    return against_columns(setup, log)
 
 
 def _command(paths: list[str], setup: str) -> str:
@@ -129,7 +141,7 @@ def diagnose_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any])
     from ftbias_jax.diagnosis.apply import refused, some_applied
     from ftbias_jax.diagnosis.diagnose import diagnose
 
-    log = read_log(path, setup, raw=True)
+    log = _against_columns(setup, read_log(path, setup, raw=True))
     without, unchecked = tuple(asked["without"]), asked["unchecked"]
     diagnosis = diagnose(setup, [log], [Path(path).name], without=without, unchecked=unchecked)
     diagnosis = diagnosis._replace(command=_command([path], setup.path))

@@ -184,7 +184,7 @@ OF_SETUPS = {
             option(
                 "found",
                 "SETUP.toml",
-                "with the tool; or DIAGNOSIS.json for mjcf and sensor; layouts do without",
+                "with the tool; or DIAGNOSIS.json for mjcf, urdf and sensor; layouts do without",
                 nargs="?",
                 default="",
             ),
@@ -192,15 +192,21 @@ OF_SETUPS = {
                 "--format",
                 None,
                 "ur: URScript; franka: setLoad as JSON; ros: ros2_control's broadcaster with gravity compensation, "
-                "YAML; ft_calib: YAML of force_torque_tools; mjcf: a scene of MuJoCo; sensor: the sensor's own errors, "
-                "for any simulator; foxglove, plotjuggler: layouts",
+                "YAML; ft_calib: YAML of force_torque_tools; mjcf: a scene of MuJoCo; urdf: a robot; sensor: the "
+                "sensor's own errors, for any simulator; foxglove, plotjuggler: layouts",
                 required=True,
-                choices=["ur", "franka", "ros", "ft_calib", "mjcf", "sensor", "foxglove", "plotjuggler"],
+                choices=["ur", "franka", "ros", "ft_calib", "mjcf", "urdf", "sensor", "foxglove", "plotjuggler"],
             ),
             option("--setup", "SETUP.toml", "the setup of DIAGNOSIS.json", default=""),
-            option("--like", "SCENE.xml", "mjcf: the scene to mend, whose comments and layout are kept", default=""),
             option(
-                "--site", "SITE", "mjcf: where the sensor is in the scene (as the setup or its sensors say)", default=""
+                "--like", "SCENE.xml", "mjcf, urdf: the file to mend, whose comments and layout are kept", default=""
+            ),
+            option(
+                "--site",
+                "SITE",
+                "mjcf: where the sensor is in the scene (as the setup or its sensors say); urdf: the link that is the "
+                "tool (tool.from_urdf_link of the setup)",
+                default="",
             ),
             option("--base", "BODY", "mjcf: whose frame is the setup's base frame (as the setup says)", default=""),
             output("FILE", "the file to write (default: standard output)"),

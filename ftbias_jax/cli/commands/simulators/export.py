@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import tomllib
 
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io.atomic import write_atomic, write_json
@@ -14,15 +13,16 @@ from ftbias_jax.io.write.ours import EXPORT, SETUP
 from ftbias_jax.setup import Setup, load_setup
 from ftbias_jax.setup.export import export_text
 from ftbias_jax.setup.export.payload import ExportOptions
+from ftbias_jax.setup.mjcf import Mjcf, load_mjcf
 from ftbias_jax.setup.save import WRITTEN_BY, write_text
 
-OF_SIMULATORS = ("mjcf", "sensor")
+OF_SIMULATORS = ("mjcf", "urdf", "sensor")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write or print what is asked for; returns 0."""
     output = arguments.output
-    if arguments.format == "mjcf":
+    if arguments.format in ("mjcf", "urdf"):
         return _mend(arguments)
     if output:
         check_writable(output)
@@ -84,15 +84,19 @@ def found_setup(arguments: argparse.Namespace) -> Setup:
 
 
 def _mend(arguments: argparse.Namespace) -> int:
-    """A mended scene, the sensor model and what neither says."""
+    """A mended scene or URDF, the sensor model and what neither says."""
     if not (arguments.like and arguments.output):
         field = "--output" if arguments.like else "--like"
-        raise UsageError("a scene is mended in a copy of it", field=field, remedy="--like SCENE.xml -o MENDED.xml")
+        raise UsageError("a file is mended in a copy of it", field=field, remedy="--like SCENE.xml -o MENDED.xml")
     setup, output = found_setup(arguments), arguments.output
-    from ftbias_jax.simulators.mend_mjcf import mend_mjcf
+    if arguments.format == "urdf":
+        from ftbias_jax.simulators.mend_urdf import mend_urdf
 
-    site, base = (arguments.site, arguments.base) if arguments.site or arguments.base else named_in(setup)
-    made = mend_mjcf(setup, arguments.like, output, site, base)
+        made = mend_urdf(setup, arguments.like, output, arguments.site)
+    else:
+        from ftbias_jax.simulators.mend_mjcf import mend_mjcf
+
+        made = mend_mjcf(setup, scene_of(setup, arguments.like, arguments.site, arguments.base), output)
     folder = os.path.dirname(output)
     beside = {name: os.path.join(folder, name) for name in ("sensor_model.toml", "not_expressed.json")}
     outputs = {"--output": output, **{path: path for path in list(made.files)[1:]}, **beside}
@@ -110,7 +114,6 @@ def _mend(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def named_in(setup: Setup) -> tuple[str, str]:
-    """Site and base body that a setup names of its MJCF; "" = none."""
-    robot = tomllib.loads(setup.source).get("robot", {})
-    return (str(robot.get("site", "")), str(robot.get("base_link", ""))) if "mjcf" in robot else ("", "")
+def scene_of(setup: Setup, path: str, site: str = "", base: str = "") -> Mjcf:
+    """The scene at a path, with site and base as named, or as the setup names them of its own."""
+    return load_mjcf(path, site or setup.robot.site, base or setup.robot.base_link)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ftbias_jax.cli.commands.simulators.export import found_setup, named_in
+from ftbias_jax.cli.commands.simulators.export import found_setup, scene_of
 from ftbias_jax.cli.given import logs_of, setup_of
 from ftbias_jax.cli.terminal import tell_repairs
 from ftbias_jax.errors import SetupError, UsageError
@@ -19,11 +19,11 @@ from ftbias_jax.io.write.ours import LOG, SCORE
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.runtime.progress import Progress, Stages
 from ftbias_jax.setup import Setup
-from ftbias_jax.setup.mjcf import Mjcf, load_mjcf
+from ftbias_jax.setup.mjcf import Mjcf
 from ftbias_jax.setup.types import sign_of
 
 
-def scene_of(setup: Setup, path: str) -> Mjcf:
+def scene_at_sensor(setup: Setup, path: str) -> Mjcf:
     """A scene whose site is the setup's sensor; "" = the setup's own.
 
     Raises:
@@ -35,14 +35,14 @@ def scene_of(setup: Setup, path: str) -> Mjcf:
     if setup.sensor.translation.any() or not np.allclose(setup.sensor.rotation, np.eye(3)):
         remedy = "put the site where the sensor is, and leave translation and rotation_rpy out"
         raise SetupError("the sensor is beside the scene's site", file=setup.path, field="sensor", remedy=remedy)
-    return load_mjcf(path, *named_in(setup))
+    return scene_of(setup, path)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write what the scene says; 3 if samples of the log were lost, else 0."""
     setup = setup_of(arguments)
     (path,) = logs_of(arguments, setup, {"--output": LOG}, stated=(*setup.files, arguments.mjcf))
-    scene, log = scene_of(setup, arguments.mjcf), read_log(path, setup)
+    scene, log = scene_at_sensor(setup, arguments.mjcf), read_log(path, setup)
 
     from ftbias_jax.runtime.jax_config import prepare_jax
 
@@ -71,7 +71,7 @@ def validate(arguments: argparse.Namespace) -> int:
     setup, mended = setup_of(arguments), found_setup(arguments)
     kinds = {"--json": SCORE}
     paths = logs_of(arguments, setup, kinds, stated=(*setup.files, arguments.like, arguments.mended))
-    scenes = scene_of(setup, arguments.like), load_mjcf(arguments.mended, *named_in(setup))
+    scenes = scene_at_sensor(setup, arguments.like), scene_of(setup, arguments.mended)
     with Stages("validating") as stages:
         stages("reading")
         logs = [read_log(path, setup, raw=True) for path in paths]

@@ -61,6 +61,16 @@ def test_a_setup_with_effects_is_exported_without_a_diagnosis(cell):
     assert gravity[1] == pytest.approx(0.5, rel=0.01)
 
 
+def test_a_urdf_is_mended_with_the_same_files_beside_it(tmp_path, capsys):
+    (tmp_path / "arm.urdf").write_text(made_scenes.URDF)
+    setup = '[robot]\nurdf = "arm.urdf"\ntip_link = "flange"\n[sensor]\nnoise_std = 0.1\n[tool]\n'
+    (tmp_path / "setup.toml").write_text(f"{setup}from_urdf_link = 'hand'\n[effects.tool_mass]\nmass = 0.9\n")
+    words = ("export", tmp_path / "setup.toml", "--format", "urdf", "--like", tmp_path / "arm.urdf")
+    assert main([*map(str, words), "-o", str(tmp_path / "mended.urdf")]) == 0
+    assert (tmp_path / "mended.urdf").read_text() == made_scenes.URDF.replace('"0.7"', '"0.9"')
+    assert {"sensor_model.toml", "not_expressed.json"} < {path.name for path in tmp_path.iterdir()}
+
+
 def test_the_sensor_alone(cell, capsys):
     words = ["export", str(cell / "found.json"), "--setup", str(cell / "setup.toml"), "--format", "sensor"]
     assert main(words) == 0

@@ -25,7 +25,7 @@ def cell(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cell")
     scene, path = made_scenes.write(folder)
     setup = load_setup(path)
-    real = mend_mjcf(replace(setup, effects=TILT), str(scene), str(folder / "real.xml"))
+    real = mend_mjcf(replace(setup, effects=TILT), load_mjcf(scene), str(folder / "real.xml"))
     (folder / "real.xml").write_text(next(iter(real.files.values())))
     for seed, name in enumerate(("monday", "tuesday")):
         made = simulate(setup, {}, duration=20, rate=200, seed=seed)

@@ -1,0 +1,106 @@
+"""A URDF mended: the user's own text with another inertia of the tool's link, and other origins of joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ftbias_jax.setup.bodies import RigidBody
+from ftbias_jax.setup.robots import Pose, pose_at
+from ftbias_jax.setup.rotations import rotation_from_rpy, rotation_from_vector, rpy_from_rotation
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.setup.urdf import SLIDING, Joint, fixed_pose, load_urdf, urdf_robot
+from ftbias_jax.simulators.mended import SAME, Mended, Physics, check_arm, not_expressed, physics_of
+from ftbias_jax.simulators.xml_text import Document, numbers
+from ftbias_jax.types import Array
+
+OF_A_URDF = ("tool_mass", "tool_com", "tool_inertia", "encoder_offset")
+"""Effects that a URDF may state."""
+
+
+def mend_urdf(setup: Setup, like: str, output: str, link: str = "") -> Mended:
+    """The text of a URDF with what a setup says of joints and tool.
+
+    A joint whose recorded angle is off by an offset gets an origin that is turned (shifted) back by it. One link that
+    is fixed to the flange gets mass, centre and inertia of the whole tool.
+
+    Args:
+        setup: its effects are what a diagnosis found; its robot is that of the URDF.
+        like: the URDF.
+        output: where the mended URDF will be.
+        link: that is the tool; "" = the setup's ``tool.from_urdf_link``.
+
+    Raises:
+        SetupError: the file is no URDF, its arm is not the setup's, or nothing names the tool's link.
+    """
+    urdf, link = load_urdf(like), link or setup.tool.urdf_link
+    if setup.robot.urdf_links is None:
+        raise urdf.error("robot", "the arm of the setup is of no URDF", "state robot.urdf and tip_link in the setup")
+    if not link:
+        raise urdf.error(
+            "link", "nothing says which link is the tool", "state tool.from_urdf_link, or give --site LINK"
+        )
+    base, tip = setup.robot.urdf_links
+    robot = urdf_robot(urdf, base, tip, setup.robot.gravity)
+    check_arm(setup, robot, like, "--urdf ROBOT.urdf")
+    physics, document, pose = physics_of(setup), Document(like), fixed_pose(urdf, tip, link)
+    joints = {joint.name: joint for joint in urdf.joints.values()}
+    for name, offset in zip(robot.joint_names, physics.offsets, strict=True):
+        if offset:
+            _move(document, joints[name], offset)
+    _write_inertial(document, document.find("link", name=link)[0], _in_link(physics, pose))
+    return Mended({output: document.text}, not_expressed(setup, OF_A_URDF))
+
+
+def _move(document: Document, joint: Joint, offset: float) -> None:
+    """Give a joint the origin from which its recorded angle (way), offset too large, leads to the true pose."""
+    if joint.kind in SLIDING:
+        back = pose_at(-offset * joint.axis)
+    else:
+        back = Pose(np.zeros(3), rotation_from_vector(-offset * joint.axis))
+    origin = joint.origin.then(back)
+    (element,) = document.find("joint", name=joint.name)
+    _write(document, element, "origin", {"xyz": origin.translation, "rpy": rpy_from_rotation(origin.rotation)})
+
+
+def _in_link(physics: Physics, link: Pose) -> RigidBody:
+    """The tool in the frame of its link, which is fixed to the flange."""
+    turn = physics.sensor_believed.T
+    return physics.tool.seen_from(turn, -turn @ physics.sensor_position).seen_from(link.rotation, link.translation)
+
+
+def _write_inertial(document: Document, element: int, body: RigidBody) -> None:
+    """The inertia of a link, along the axes that the file has for it."""
+    there = document.children(element, "inertial")
+    if not there:
+        origin, mass = numbers(body.center), numbers([body.mass])
+        words = " ".join(f'{name}="{numbers([x])}"' for name, x in _moments(body.inertia).items())
+        inner = f'<origin xyz="{origin}"/>\n  <mass value="{mass}"/>\n  <inertia {words}/>'
+        document.insert(element, f"<inertial>\n  {inner}\n</inertial>")
+        return
+    origins = [document.elements[i].attributes for i in document.children(there[0], "origin")]
+    rpy = origins[0].get("rpy", "0 0 0") if origins else "0 0 0"
+    axes = rotation_from_rpy(np.array(rpy.split(), float))
+    _write(document, there[0], "origin", {"xyz": body.center})
+    _write(document, there[0], "mass", {"value": np.array([body.mass])})
+    moments = {name: np.array([x]) for name, x in _moments(axes.T @ body.inertia @ axes).items()}
+    _write(document, there[0], "inertia", moments, np.abs(body.inertia).max())
+
+
+def _moments(inertia: Array) -> dict[str, float]:
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    return dict(zip(names, inertia[np.triu_indices(3)].tolist(), strict=True))
+
+
+def _write(document: Document, parent: int, tag: str, values: Mapping[str, Array], size: float = 1.0) -> None:
+    """Attributes of an element right in another, where they differ by more than rounding of numbers of a size."""
+    there = document.children(parent, tag)
+    if not there:
+        words = " ".join(f'{name}="{numbers(x)}"' for name, x in values.items())
+        document.insert(parent, f"<{tag} {words}/>")
+        return
+    for name, value in values.items():
+        stated = document.elements[there[0]].attributes.get(name, " ".join("0" for _ in value))
+        if not np.allclose(np.array(stated.split(), float), value, rtol=SAME, atol=SAME * size):
+            document.set(there[0], name, numbers(value))
