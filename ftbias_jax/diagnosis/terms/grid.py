@@ -103,9 +103,14 @@ def that_stand_out(
     found = [*_terms("frequency", "line", EACH, _each("frequency", [*fast, *lines(problem, fit.error)]))]
     for joint, multiple in multiples(state, fit.error):
         found += _terms("joint_angle", "harmonic", EACH, [{"multiple": multiple}], joint)
+    return _at(point, [*found, *of_switches(problem, state, fit)])
+
+
+def of_switches(problem: Problem, state: State, fit: Fit) -> Iterator[Term]:
+    """The terms of what is switched on and off, as what a fit leaves suggests them."""
     for name, times in switches(problem, state, fit):
-        found += _terms(*SWITCHED[name], [{"time": times} | ({"takes": TAKEN_OVER} if name == "payload" else {})])
-    return _at(point, found)
+        takes = {"takes": TAKEN_OVER} if name == "payload" else {}
+        yield from _terms(*SWITCHED[name], [{"time": times, **takes}])
 
 
 def _at(point: np.ndarray, terms: Iterable[Term]) -> list[Term]:
