@@ -24,9 +24,9 @@ from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, together
 from ftbias_jax.diagnosis.terms.describe import describe
 from ftbias_jax.diagnosis.terms.found import found_terms
-from ftbias_jax.diagnosis.terms.grid import fast_lines
 from ftbias_jax.diagnosis.terms.noise import louder, noise_term
 from ftbias_jax.diagnosis.terms.select import is_all_carried, state_of_problem
+from ftbias_jax.diagnosis.terms.spectra import fast_lines
 from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
 from ftbias_jax.diagnosis.tool_first import Searched, search_causes
 from ftbias_jax.errors import LogError, UsageError
