@@ -32,7 +32,7 @@ def all_motions(setup, home, span, seed, only=()):
         return {name: (numpy_of(standard[name]), None, None) for name in only}
     (asked,) = made.asked
     limits, _ = limits_of(setup, home, MARGIN)
-    task = plan.make_task(
+    task, _ = plan.make_task(
         setup, params_from_setup(setup), limits, home, ((asked.base, asked.at),), asked.scale, DURATION, RATE
     )
     task = task._replace(noise=plan.noise_of(setup, made.motion.q, made.motion.dq, RATE, task.points.t))

@@ -32,7 +32,7 @@ def run(folder, kinds, count, seed, jobs):
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", nargs="?", type=Path, help="for logs and verdicts (default: a temporary one)")
-    parser.add_argument("--kinds", choices=("seen", "unseen", "all"), default="all")
+    parser.add_argument("--kinds", choices=("seen", "unseen", "all", "events"), default="all")
     parser.add_argument("--count", type=int, default=56)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)

@@ -62,7 +62,7 @@ def parser() -> argparse.ArgumentParser:
     effects = "all, catalogue, none, pairs, unlisted or names, by commas (all); of the protocol effects"
     maker.add_argument("--effects", metavar="NAMES", help=effects)
     kinds = "which kinds of the protocol unlisted (seen); unseen ones are for the end, not for building"
-    maker.add_argument("--kinds", choices=("seen", "unseen", "all"), help=kinds)
+    maker.add_argument("--kinds", choices=("seen", "unseen", "all", "events"), help=kinds)
     maker.add_argument(
         "--duration", type=numbers, default=(20.0, 60.0), metavar="S[,S]", help="shortest,longest (20,60)"
     )

@@ -104,7 +104,8 @@ def identify(
         converged = abs(before - cost) < 0.01 * shown.overdispersion(shown.in_blocks(linear, dt), x, prior)
         if converged:
             break
-    found = shown.judge(shown.in_blocks(linear, dt), x, prior)
+    stated = np.asarray(physical.data_sheet(params.theta))
+    found = shown.judge(shown.in_blocks(linear, dt), x, prior, stated[4:])
     linear = model(np.asarray(physical.physical(jnp.asarray(found.x))))
     return _identified(params, quarter, linear, found, dt, mounting, gravity)._replace(
         excess=float(np.sqrt(innovation_regression.excess(linear, problem))),

@@ -80,9 +80,9 @@ class FoundTerm(NamedTuple):
     coefficients: dict[str, Numbers]
     """Unit -> number, or numbers along the axes."""
     stderr: dict[str, Numbers]
-    parameters: dict[str, float]
+    parameters: dict[str, Numbers]
     """What the form is not linear in, such as a time constant."""
-    parameters_stderr: dict[str, float]
+    parameters_stderr: dict[str, Numbers]
     point: list[float] | None
     """m, sensor frame, where a force acts."""
     equivalent_to: tuple[str, ...]

@@ -6,6 +6,7 @@ No effect is known here by name: an entry of the catalogue says which of its num
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -13,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.calibration.tool.physical import NAMES, UNITS, data_sheet, tool_units
+from ftbias_jax.calibration.tool.shown import LEAST_KNOWN
 from ftbias_jax.diagnosis.regression.coordinates import can_move, scale_of, why_not_fitted
 from ftbias_jax.errors import UsageError
 from ftbias_jax.model.effects import compose
@@ -29,7 +31,10 @@ if TYPE_CHECKING:
 
 TOOL = "tool"
 """Asks for the tool's mass, centre of mass and inertia."""
-
+NOISE = "noise"
+"""Asks for the noise of the readings at rest, and for what each joint's speed adds to it."""
+POOR = 3.0
+"""Typical departures: a parameter, or a mixture of parameters, that stays less certain is not determined."""
 
 ROUNDING = 1e-12
 LOOSE = 0.3
@@ -42,7 +47,7 @@ class Asked(NamedTuple):
     """Numbers that are asked for. P of them."""
 
     name: str
-    """TOOL, or the name of an effect."""
+    """TOOL, NOISE, or the name of an effect."""
     labels: tuple[str, ...]
     units: tuple[str, ...]
     at: np.ndarray
@@ -51,13 +56,15 @@ class Asked(NamedTuple):
     """(P,) typical departures."""
     base: np.ndarray
     """All numbers of the effect, also those that no fit moves; of the tool none."""
+    poor: float = POOR
+    """Typical departures: what stays less certain is not determined; of the tool as ``identify`` has it."""
 
 
 def asked_for(name: str, model: Model, catalogue: Catalogue, stated: Mapping[str, EffectValues]) -> Asked:
     """The numbers of the tool or of an effect.
 
     Args:
-        name: TOOL, or an effect of the catalogue.
+        name: TOOL, NOISE, or an effect of the catalogue.
         model: what the setup states.
         catalogue: of the setup.
         stated: values of effects that are known from the setup or from a diagnosis; others have typical values.
@@ -69,7 +76,12 @@ def asked_for(name: str, model: Model, catalogue: Catalogue, stated: Mapping[str
         at = np.asarray(data_sheet(model.theta))
         scale = tool_units(at[0], at[[4, 7, 9]].max())
         scale[1:4] /= at[0]
-        return Asked(TOOL, NAMES, UNITS, at, scale, np.zeros(0))
+        return Asked(TOOL, NAMES, UNITS, at, scale, np.zeros(0), LEAST_KNOWN)
+    if name == NOISE:
+        joints = range(model.arm.angular.shape[0])
+        labels = (*(f"at_rest_{axis}" for axis in AXES), *(f"speed_of_joint_{j + 1}" for j in joints))
+        zero = np.zeros(len(labels))
+        return Asked(NOISE, labels, ("of itself",) * len(labels), zero, zero + 1, zero[:0])
     check_names([name], "for", catalogue)
     effect = catalogue[name]
     why = "it is read off single samples" if isinstance(effect.fit.search, Samples) else why_not_fitted(effect)
@@ -178,30 +190,35 @@ def inertia_std(asked: Sequence[Asked], model: Model, catalogue: Catalogue) -> n
 def columns(signals: Signals, known: Values, numbers: Any, names: tuple[str, ...], catalogue: Catalogue) -> Array:
     """(C, U, 6): of one name the derivatives of the reading; of two, for each, what tells it from the other.
 
-    The latter are, name by name, what the effect changes and then what the other one can do: what it changes, and its
-    derivatives; last what the tool's inertia (6,) can do, per standard deviation.
+    The latter are, name by name, what the reading with the effect departs by from that with the other one at the values
+    at which it comes nearest, and the derivatives by these; last what the tool's inertia (6,) can do, per standard
+    deviation.
 
     Args:
         signals: the motion and the model.
         known: effects that the setup states.
-        numbers: base and values (P,) of each name; of two names then ``inertia_std``.
+        numbers: base and values (P,) of each name; of two names also the values nearest to the other, and then
+            ``inertia_std``.
         names: one or two.
         catalogue: of the setup.
     """
 
-    def slopes(name: str, base: Array, at: Array) -> Array:
-        return jnp.moveaxis(jax.jacfwd(lambda x: reading(signals, known, base, x, name, catalogue))(at), -1, 0)
+    def read(name: str, base: Array, at: Array) -> Array:
+        return reading(signals, known, base, at, name, catalogue)
 
-    asked = [(name, *own) for name, own in zip(names, numbers, strict=False)]
-    if len(asked) == 1:
-        return slopes(*asked[0])
-    nominal = compose.predict(signals, {other: known[other] for other in known if other not in names}, catalogue)
+    def slopes(name: str, base: Array, at: Array) -> Array:
+        return jnp.moveaxis(jax.jacfwd(partial(read, name, base))(at), -1, 0)
+
+    if len(names) == 1:
+        return slopes(names[0], *numbers[0])
     parts: list[Array] = []
-    for name, base, at in asked:
-        parts += [(reading(signals, known, base, at, name, catalogue) - nominal)[None], slopes(name, base, at)]
     sheet = data_sheet(signals.model.theta)
+    for i, j in ((0, 1), (1, 0)):
+        (base, at, _), (its_base, _, near) = numbers[i], numbers[j]
+        gap = read(names[i], base, at) - read(names[j], its_base, near)
+        parts += [gap[None], slopes(names[j], its_base, near)]
 
     def with_inertia(share: Array) -> Array:
-        return reading(signals, known, sheet[:0], sheet.at[4:].add(share * numbers[2]), TOOL, catalogue)
+        return read(TOOL, sheet[:0], sheet.at[4:].add(share * numbers[2]))
 
     return jnp.concatenate([*parts, jnp.moveaxis(jax.jacfwd(with_inertia)(jnp.zeros_like(sheet[4:])), -1, 0)])

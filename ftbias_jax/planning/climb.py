@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -17,10 +19,11 @@ from ftbias_jax.model.kinematics.arm_batch import ArmMotion, arm_motion
 from ftbias_jax.model.kinematics.screws import Arm
 from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.model.wrench.tool_wrench import covariance_of_joints, joint_sensitivity
-from ftbias_jax.planning.asked import columns
+from ftbias_jax.planning.asked import NOISE, columns
 from ftbias_jax.planning.information import Nuisance, information, mean_log_error, unexplained
 from ftbias_jax.planning.limits import Limits, excess
 from ftbias_jax.planning.shape import Grid, random_shapes, within
+from ftbias_jax.runtime.jax_config import same_precision
 from ftbias_jax.runtime.kept_programs import keep_program
 
 if TYPE_CHECKING:
@@ -30,13 +33,16 @@ if TYPE_CHECKING:
 
 STARTS, FEW_STEPS = 6, 1
 """Random motions to begin at, and calls of STEPS steps after which only the best go on."""
-FINALISTS, CALLS = 2, 10
+FINALISTS, CALLS = 2, 20
 """How many of them go on, and for how many calls."""
 STEPS = 20
 FASTEST, SLOWEST = 0.05, 0.003
 """Length of a step, rad, at first and at last."""
-PENALTY = 30.0
-"""Of the mean squared excess over limits of space and load; what is left over is then scaled away."""
+PENALTIES = 1.0, 1e3
+"""Of the squared excess over limits of space and load, its mean and its largest, at first and at last; what is left
+over is then scaled away."""
+NEAREST_STEPS, NEARER = 8, 0.99
+"""At most so many steps to the values nearest to another effect, and the share of the gap that the next must leave."""
 PRIOR = 30.0
 """Typical departures: a parameter that no motion shows counts as known this badly."""
 
@@ -66,10 +72,10 @@ class Task(NamedTuple):
     known: Values
     """Effects that the setup states."""
     numbers: tuple[Any, ...]
-    """Of each name that is asked for, all its numbers, and the values (P,) of those asked for; of two names also
-    ``asked.inertia_std``."""
+    """Of each name that is asked for, all its numbers, and the values (P,) of those asked for; of two names also the
+    values nearest to the other, and ``asked.inertia_std``."""
     scale: Float[Array, " P"]
-    """(P,) typical departures of the first name's."""
+    """(P,) typical departures of the last name's."""
     noise: Noise
 
 
@@ -109,10 +115,30 @@ def products(
     """The information (C, C) of the columns that are asked for, and the excess (4, U) over limits of space and load."""
     signals = signals_of(task, moved)
     assert signals.motion is not None
-    load = compose.predict(signals, task.known, catalogue)
+    over = excess(task.limits, signals.motion, compose.predict(signals, task.known, catalogue))
+    if names == (NOISE,):
+        return noise_information(task, signals.motion, signals.dq), over
     asked = columns(signals, task.known, task.numbers, names, catalogue)
-    told = information(asked, variance(task, signals.motion, signals.dq), task.noise.bias)
-    return told, excess(task.limits, signals.motion, load)
+    return information(asked, variance(task, signals.motion, signals.dq), task.noise.bias), over
+
+
+def noise_information(task: Task, moving: ArmMotion, speed: Float[Array, "U n"]) -> Float[Array, "P P"]:
+    """Fisher information of the logarithms of the noise at rest (6,) and of what the joints' speeds add (n,).
+
+    Bias and drift are left out, because they take a few of thousands of samples. A growth that nobody states makes the
+    noise of each axis by a half larger while one joint moves at 1 rad/s.
+    """
+    noise, joints = task.noise, speed.shape[1]
+    rest, growth = noise.wrench_variance, noise.in_motion or MotionNoise(1.25 * noise.wrench_variance[None])
+    rows = jnp.broadcast_to(growth.per_speed, (joints, 6))
+
+    def logarithm(x: Array) -> Array:
+        more = growth._replace(per_speed=rows * jnp.exp(2 * x[6:, None]))
+        scaled = noise._replace(wrench_variance=rest * jnp.exp(2 * x[:6]), in_motion=more)
+        return jnp.log(variance(task._replace(noise=scaled), moving, speed))
+
+    slopes = jax.jacfwd(logarithm)(jnp.zeros(6 + joints))
+    return noise.samples / 2 * jnp.einsum("uap,uaq->pq", slopes, slopes)
 
 
 def worth(told: Float[Array, "C C"], scale: Float[Array, " P"], names: tuple[str, ...]) -> Float[Array, ""]:
@@ -122,22 +148,37 @@ def worth(told: Float[Array, "C C"], scale: Float[Array, " P"], names: tuple[str
     return -jnp.log(jnp.minimum(*separations(told, len(scale))) + 1e-9)
 
 
-def separations(told: Float[Array, "C C"], first: int) -> tuple[Array, Array]:
+def separations(told: Float[Array, "C C"], second: int) -> list[Array]:
     """nats by which either of two is seen although the other is free, of the products of ``asked.columns``.
 
+    That is the T-optimality of designs that discriminate between models.
+
     Args:
-        told: (C, C) of what the first changes, its ``first`` derivatives, what the second changes, its derivatives, and
-            what the six numbers of the inertia can do.
-        first: how many derivatives the first has.
+        told: (C, C) of what the first has beyond the second, the ``second`` derivatives of that, the same the other way
+            round, and what the six numbers of the inertia can do.
+        second: how many derivatives the second has.
     """
-    own, other, inertia = np.split(np.arange(len(told)), [first + 1, len(told) - 6])
-    one, two = (np.concatenate([a[:1], b, inertia]) for a, b in ((own, other), (other, own)))
-    return unexplained(told[np.ix_(one, one)], 6), unexplained(told[np.ix_(two, two)], 6)
+    return [unexplained(told[np.ix_(rows, rows)], 6) for rows in _either(len(told), second)]
+
+
+def _either(count: int, second: int) -> list[np.ndarray]:
+    """Places of the first's and of the second's columns among all of ``asked.columns``, those of the inertia last."""
+    one, two, inertia = np.split(np.arange(count), [second + 1, count - 6])
+    return [np.concatenate([one, inertia]), np.concatenate([two, inertia])]
 
 
 @keep_program("names", "catalogue")
-def climb(state: Any, task: Task, rates: Float[Array, " S"], *, names: tuple[str, ...], catalogue: Catalogue) -> Any:
-    """Some steps of Adam with these lengths (S,).
+def climb(
+    state: Any,
+    task: Task,
+    rates: Float[Array, " S"],
+    count: int,
+    penalty: float,
+    *,
+    names: tuple[str, ...],
+    catalogue: Catalogue,
+) -> Any:
+    """A count of steps of Adam with these lengths (S,), and this penalty on what exceeds limits of space and load.
 
     Returns:
         the state after them; before the last one the worth with its penalties, and the products (C, C).
@@ -146,17 +187,19 @@ def climb(state: Any, task: Task, rates: Float[Array, " S"], *, names: tuple[str
     def loss(free: Array) -> tuple[Array, Array]:
         _, moved = within(task.points, task.limits, task.start, free)
         told, over = products(task, moved, names, catalogue)
-        return worth(told, task.scale, names) + PENALTY * (jnp.maximum(over, 0) ** 2).mean(), told
+        beyond = jnp.maximum(over, 0) ** 2
+        return worth(told, task.scale, names) + penalty * (beyond.mean() + beyond.max(1).sum()), told
 
-    def step(state: Any, rate: Array) -> tuple[Any, Array]:
-        free, adam = state
+    def step(k: Array, carry: Any) -> Any:
+        free, adam, _ = carry
         found, slope = jax.value_and_grad(loss, has_aux=True)(free)
         slope = jnp.where(jnp.isfinite(slope).all(), slope, 0.0)  # where a motion is no motion at all, say
         change, adam = optax.scale_by_adam().update(slope, adam)
-        return (free - rate * change, adam), found
+        return free - rates[k] * change, adam, found
 
-    state, found = jax.lax.scan(step, state, rates)
-    return state, *(x[-1] for x in found)
+    nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(loss, state[0]))
+    *state, found = jax.lax.fori_loop(0, count, step, (*state, nothing))
+    return tuple(state), *found
 
 
 def told_by(task: Task, coefficients: np.ndarray, names: tuple[str, ...], catalogue: Catalogue) -> np.ndarray:
@@ -164,8 +207,35 @@ def told_by(task: Task, coefficients: np.ndarray, names: tuple[str, ...], catalo
     far = np.full(len(task.start), 1e6)  # finite, because no share of a limit may have an infinite derivative
     free = task.limits._replace(lower=-far, upper=far, velocity=far, acceleration=far, jerk=far)
     state = (coefficients, optax.scale_by_adam().init(jnp.asarray(coefficients)))
-    told = climb(state, task._replace(limits=free), np.zeros(STEPS), names=names, catalogue=catalogue)[2]
+    told = climb(state, task._replace(limits=free), np.zeros(STEPS), 1, 0.0, names=names, catalogue=catalogue)[2]
     return np.asarray(told)
+
+
+def with_nearest(task: Task, coefficients: np.ndarray, names: tuple[str, ...], catalogue: Catalogue) -> Task:
+    """The task with the values of either of two effects that come nearest to the other, by Gauss-Newton steps."""
+    one, two, inertia = task.numbers
+    best = tried = [np.asarray(two[2]), np.asarray(one[2])]
+    least, steps = [np.inf] * 2, [np.zeros(0)] * 2
+
+    def with_values(second: np.ndarray, first: np.ndarray) -> Task:
+        return task._replace(numbers=((*one[:2], first), (*two[:2], second), inertia))
+
+    for _ in range(NEAREST_STEPS):
+        told, before = told_by(with_values(*tried), coefficients, names, catalogue), list(least)
+        for i, rows in enumerate(_either(len(told), len(two[1]))):
+            products = told[np.ix_(rows, rows)]
+            if products[0, 0] < least[i]:
+                least[i], best[i], size = products[0, 0], tried[i], len(tried[i])
+                normal = products[1:, 1:] + np.diag(np.repeat([0.0, 1.0], [size, 6]))
+                unit = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-30))
+                solved = np.linalg.lstsq(normal * unit[:, None] * unit, products[1:, 0] * unit, 1e-9)[0] * unit
+                steps[i] = solved[:size]
+            else:
+                steps[i] = steps[i] / 4
+        tried = [x + step for x, step in zip(best, steps, strict=True)]
+        if all(NEARER * last < now < last for last, now in zip(before, least, strict=True)):
+            break
+    return with_values(*best)
 
 
 def best_shape(
@@ -186,17 +256,17 @@ def best_shape(
     states = [(free, optax.scale_by_adam().init(jnp.asarray(free))) for free in starts]
     values = [np.inf] * STARTS
 
-    def advance(i: int, calls: int, rates: np.ndarray) -> None:
+    def advance(i: int, calls: int, slowest: float) -> None:
         nonlocal done
-        for few in rates.reshape(calls, STEPS):
-            states[i], value, _ = climb(states[i], task, few, names=names, catalogue=catalogue)
+        rates = np.geomspace(FASTEST, slowest, calls * STEPS).reshape(calls, STEPS)
+        for few, penalty in zip(rates, np.geomspace(*PENALTIES, calls), strict=True):
+            states[i], value, _ = climb(states[i], task, few, STEPS, penalty, names=names, catalogue=catalogue)
             values[i], done = float(np.nan_to_num(value, nan=np.inf)), done + 1
             progress(done / total)
 
-    for i in range(STARTS):
-        advance(i, FEW_STEPS, np.full(FEW_STEPS * STEPS, FASTEST))
-    finalists = np.argsort(values)[:FINALISTS]
-    for i in finalists:
-        advance(i, CALLS, np.geomspace(FASTEST, SLOWEST, CALLS * STEPS))
+    with ThreadPoolExecutor() as pool:
+        list(pool.map(same_precision(partial(advance, calls=FEW_STEPS, slowest=FASTEST)), range(STARTS)))
+        finalists = np.argsort(values)[:FINALISTS].tolist()
+        list(pool.map(same_precision(partial(advance, calls=CALLS, slowest=SLOWEST)), finalists))
     best = min(finalists, key=lambda i: values[i])
     return np.asarray(states[best][0])

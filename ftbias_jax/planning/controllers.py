@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import struct
 from collections.abc import Callable, Iterable
+from io import BytesIO
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ftbias_jax.errors import UsageError, printable
+from ftbias_jax.io.limits.budget import need
 from ftbias_jax.planning.limits import NOT_KNOWN
 from ftbias_jax.planning.shape import Motion
 from ftbias_jax.setup.export.payload import heading
@@ -21,6 +24,18 @@ ROS_RATE, UR_RATE, FRANKA_RATE = 50.0, 125.0, 1000.0
 """Points a second: ROS's joint trajectory controller joins them by quintic splines, servoj of a UR smooths over several
 of them, libfranka asks for one a millisecond."""
 DIGITS = 10
+TOPIC, TRAJECTORY = "/joint_trajectory_controller/joint_trajectory", "trajectory_msgs/msg/JointTrajectory"
+"""Where the controller of ros2_control listens, unless it was given another name."""
+SCHEMA = f"\n{'=' * 80}\nMSG: ".join(
+    [
+        "std_msgs/Header header\nstring[] joint_names\nJointTrajectoryPoint[] points\n",
+        "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
+        "builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
+        "trajectory_msgs/JointTrajectoryPoint\nfloat64[] positions\nfloat64[] velocities\nfloat64[] accelerations\n"
+        "float64[] effort\nbuiltin_interfaces/Duration time_from_start\n",
+        "builtin_interfaces/Duration\nint32 sec\nuint32 nanosec\n",
+    ]
+)
 APPROACH = "movej({q}, a=0.5, v=0.3)  # slowly to the first pose"
 
 
@@ -28,7 +43,7 @@ def ros_trajectory(plan: Plan) -> str:
     """YAML of a trajectory_msgs/msg/JointTrajectory, with the joints' names of the setup."""
     motion = _sampled(plan, ROS_RATE)
     lines = [
-        *_comments(plan, "trajectory_msgs/msg/JointTrajectory, rad, rad/s, rad/s^2"),
+        *_comments(plan, f"{TRAJECTORY}, rad, rad/s, rad/s^2"),
         'header: {stamp: {sec: 0, nanosec: 0}, frame_id: ""}',
         f"joint_names: {json.dumps(list(plan.setup.robot.joint_names))}",
         "points:",
@@ -42,6 +57,39 @@ def ros_trajectory(plan: Plan) -> str:
             f"  time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}",
         ]
     return "\n".join(lines) + "\n"
+
+
+def ros_bag(plan: Plan) -> bytes:
+    """The same as a recording (MCAP) of one message, for ``ros2 bag play``."""
+    message = bytearray()  # CDR, little endian: numbers are aligned to their size
+
+    def put(kind: str, *values: float) -> None:
+        message.extend(bytes(-len(message) % struct.calcsize(kind)) + struct.pack(f"<{len(values)}{kind}", *values))
+
+    def put_text(text: str) -> None:
+        put("I", len(text.encode()) + 1)
+        message.extend(text.encode() + b"\0")
+
+    names, motion = plan.setup.robot.joint_names, _sampled(plan, ROS_RATE)
+    put("I", 0, 0)  # no stamp: begin at once
+    put_text("")
+    put("I", len(names))
+    for name in names:
+        put_text(name)
+    put("I", len(motion.t))
+    for t, *rows, _ in zip(*motion, strict=True):
+        for row in rows:
+            put("I", len(row))
+            put("d", *row)
+        put("I", 0, *divmod(round(t * 1e9), 10**9))  # no effort
+    file, about = BytesIO(), _comments(plan, TRAJECTORY)
+    writer = need("mcap.writer", "ros", writes=True).Writer(file)
+    writer.start(profile="ros2", library=heading(plan.setup)[0])
+    schema = writer.register_schema(TRAJECTORY, "ros2msg", SCHEMA.encode())
+    channel = writer.register_channel(TOPIC, "cdr", schema, {"about": "\n".join(about)})
+    writer.add_message(channel, 0, b"\x00\x01\x00\x00" + bytes(message), 0)
+    writer.finish()
+    return file.getvalue()
 
 
 def ur_script(plan: Plan) -> str:
@@ -66,7 +114,12 @@ def franka_joints(plan: Plan) -> str:
     return json.dumps(content, separators=(",", ":")) + "\n"
 
 
-FORMATS: dict[str, Callable[[Plan], str]] = {"ros": ros_trajectory, "ur": ur_script, "franka": franka_joints}
+FORMATS: dict[str, Callable[[Plan], str | bytes]] = {
+    "ros": ros_trajectory,
+    "bag": ros_bag,
+    "ur": ur_script,
+    "franka": franka_joints,
+}
 JOINTS = {"ur": (6, "a robot of Universal Robots"), "franka": (7, "a Franka arm")}
 """How many joints the robots of a format have."""
 
@@ -79,12 +132,15 @@ def check_controllers(setup: Setup, formats: Iterable[str]) -> None:
         formats: keys of FORMATS.
 
     Raises:
-        UsageError: there is no such format, or the arm has another number of joints.
+        UsageError: there is no such format, or the arm has another number of joints. OutputError: the package that
+            writes it is missing.
     """
     n = len(setup.robot.joint_names)
     for name in formats:
         if name not in FORMATS:
             raise UsageError(f"got {name!r}", field="format", remedy=f"give one of {', '.join(FORMATS)}")
+        if name == "bag":
+            need("mcap.writer", "ros", "--bag", writes=True)
         joints, robot = JOINTS.get(name, (n, ""))
         if n != joints:
             message = f"the setup's arm has {n} joints, {robot} has {joints}"

@@ -20,14 +20,12 @@ if TYPE_CHECKING:
 
     from ftbias_jax.types import Array
 
-POOR = 3.0
-"""Typical departures: a parameter, or a mixture of parameters, that stays less certain is not determined."""
 MUCH = 0.3
 """Part of a mixture, a unit vector, from which on a parameter is named as a part of it."""
 LEAST_NATS = 12.5
 """Two hypotheses are told apart at five standard deviations."""
-EXACT = 1e-3
-"""Share of its change of the reading that sets an effect apart: with less, two effects are the same to any motion."""
+HOPELESS = LEAST_NATS / 15
+"""nats of a plan of usual length: with less, not even the longest one tells two effects apart."""
 AS_GOOD = 0.9
 """A standard error that is this share of that of standing still or more is no reason to move."""
 SAME = "change the reading of every motion within the limits in the same way, but for bias and drift"
@@ -84,14 +82,14 @@ def forecast(
     cannot = [one for a, at in zip(asked, places, strict=True) for one in undetermined(both[np.ix_(at, at)], a)]
 
     def stds(told: np.ndarray) -> np.ndarray:
-        parts = [stds_of(told[np.ix_(at, at)], a.scale) for a, at in zip(asked, places, strict=True)]
+        parts = [stds_of(told[np.ix_(at, at)], a) for a, at in zip(asked, places, strict=True)]
         return np.concatenate(parts)
 
     separates = {}
     if len(asked) == 2:
-        name, first = ":".join(a.name for a in asked), len(asked[0].at)
-        separates[name] = float(min(separations(of_plan, first)))
-        cannot += _twins(name, both, first, effects)
+        name, second = ":".join(a.name for a in asked), len(asked[1].at)
+        separates[name] = float(min(separations(of_plan, second)))
+        cannot += _twins(name, both, second, effects)
     elif not np.isfinite(stds(both)).any():
         raise UsageError(f"no motion tells: it {NOTHING}", field=asked[0].name, remedy=_extra(effects))
     elif not (stds(of_plan) < AS_GOOD * np.nan_to_num(stds(of_rest), nan=np.inf)).any():
@@ -114,19 +112,18 @@ def _places(asked: Sequence[Asked]) -> list[np.ndarray]:
     if len(asked) == 1:
         return [np.arange(len(asked[0].at))]
     first, second = (len(a.at) for a in asked)
-    return [1 + np.arange(first), 2 + first + np.arange(second)]
+    return [2 + second + np.arange(first), 1 + np.arange(second)]
 
 
-def _twins(name: str, told: np.ndarray, first: int, effects: Sequence[Effect]) -> list[Cannot]:
+def _twins(name: str, told: np.ndarray, second: int, effects: Sequence[Effect]) -> list[Cannot]:
     """Whether two effects stay twins; if they do the same to every motion, nothing is planned."""
-    nats = [float(x) for x in separations(told, first)]
-    sizes = (told[0, 0] / 2, told[first + 1, first + 1] / 2)
-    if any(x < EXACT * size for x, size in zip(nats, sizes, strict=True)):
-        message = f"no motion separates {name.replace(':', ' and ')}: they {SAME}"
+    nats = float(min(separations(told, second)))
+    if nats < HOPELESS:
+        message = f"no motion separates {name.replace(':', ' and ')}, as large as they are taken to be: they {SAME}"
         raise UsageError(message, field="for", remedy=_extra(effects))
-    if min(nats) >= LEAST_NATS:
+    if nats >= LEAST_NATS:
         return []
-    why = f"separated by {min(nats):.1f} nats only, of {LEAST_NATS:g} for five standard deviations: plan for longer"
+    why = f"separated by {nats:.1f} nats only, of {LEAST_NATS:g} for five standard deviations: plan for longer"
     return [Cannot(name, why)]
 
 
@@ -138,23 +135,23 @@ def _extra(effects: Sequence[Effect]) -> str:
     return "; ".join(words) or "hang a known weight on the tool, or mount the sensor another way round"
 
 
-def stds_of(information: Float[np.ndarray, "P P"], scale: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
+def stds_of(information: Float[np.ndarray, "P P"], asked: Asked) -> Float[np.ndarray, " P"]:
     """(P,) standard errors, kg or m of a tool, say; NaN of parameters that mixtures which are left open consist of.
 
     What is left open beside a parameter, such as the size of a direction, does not count.
     """
-    values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
-    known = values >= POOR**-2
+    values, vectors = np.linalg.eigh(information * asked.scale[:, None] * asked.scale)
+    known = values >= asked.poor**-2
     std = np.sqrt((vectors[:, known] ** 2 / values[known]).sum(1))
     open_share = (vectors[:, ~known] ** 2).sum(1)
-    return np.where(open_share < MUCH**2, std * scale, np.nan)
+    return np.where(open_share < MUCH**2, std * asked.scale, np.nan)
 
 
 def undetermined(information: Float[np.ndarray, "P P"], asked: Asked) -> list[Cannot]:
-    """The mixtures of parameters that an information (P, P) leaves open: less certain than POOR standard deviations."""
+    """The mixtures of parameters, kg or m of a tool, say, that an information (P, P) leaves open (``Asked.poor``)."""
     values, vectors = np.linalg.eigh(information * asked.scale[:, None] * asked.scale)
     found = []
-    for vector in vectors.T[values < POOR**-2]:
+    for vector in vectors.T[values < asked.poor**-2]:
         parts = [label for label, part in zip(asked.labels, np.abs(vector), strict=True) if part > MUCH]
         found.append(Cannot(", ".join(parts), SAME if len(parts) > 1 else NOTHING))
     return found

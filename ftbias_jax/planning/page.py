@@ -56,6 +56,7 @@ def plan_page(plan: Plan) -> str:
     cannot = [f"{escape(one.pair)}: {escape(one.why)}" for one in told.cannot]
     paths = "".join(figure(_path(plan, *view), f"The path of the tip, {view[0]}, base frame.") for view in VIEWS)
     joints = "".join(figure(_joint(plan, j), "") for j in range(plan.motion.q.shape[1]))
+    used = figure(_used(plan), "Largest share over all joints, at 1 kHz.")
     asked, seconds = plan.options.to_find, plan.options.duration
     body = (
         f"<header><p class='small'>Planned motion</p><h1>{escape(f'{seconds:g} s for {asked}')}</h1></header>"
@@ -63,7 +64,7 @@ def plan_page(plan: Plan) -> str:
         + section("What it does not tell", bullets(cannot))
         + section("What is not known", f"<p>{typeset(NOT_KNOWN)}</p>" + bullets(map(escape, plan.assumed)))
         + section("Where it goes", f"<div class='grid'>{paths}</div>")
-        + section("How much of the limits it uses", figure(_used(plan), "Largest share over all joints, at 1 kHz."))
+        + section("How much of the limits it uses", f"<div class='grid'>{used}<div></div></div>")
         + section(
             "The joints", f"<p class='small'>Band: the travel that is allowed.</p><div class='grid'>{joints}</div>"
         )
@@ -120,7 +121,7 @@ def _used(plan: Plan) -> str:
             label(NAMES - 8, y + 16, name, "end", "name"),
             box(axes.left, y + 3, end - axes.left, ROW - 6, "fill-after"),
         ]
-        parts.append(label(end + 4, y + 16, f"{share:.0%}"))
+        parts.append(label(axes.left + axes.width + 6, y + 16, f"{share:.0%}"))
     one = float(axes.across(np.array(1.0)))
     parts.append(line(one, axes.top, one, axes.top + axes.height, "reference"))
     words = "; ".join(f"{name} {share:.0%}" for name, share in shares.items())

@@ -17,9 +17,9 @@ from ftbias_jax.model.effects.types import Effect, EffectValues, Model
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.model.trajectories import working_range
-from ftbias_jax.planning.asked import TOOL, asked_for, inertia_std
+from ftbias_jax.planning.asked import NOISE, TOOL, asked_for, inertia_std
 from ftbias_jax.planning.checked import excess_at_rest, times, used_shares, within_limits
-from ftbias_jax.planning.climb import Task, best_shape, told_by
+from ftbias_jax.planning.climb import Task, best_shape, told_by, with_nearest
 from ftbias_jax.planning.forecast import forecast, information_of_logs
 from ftbias_jax.planning.limits import Limits, check_start, limits_of
 from ftbias_jax.planning.noise import noise_of
@@ -63,8 +63,9 @@ def plan(
 
     Args:
         setup: robot, sensor, tool, noise and limits.
-        to_find: "tool" for its mass, centre of mass and inertia; the name of an effect for its parameters; two names
-            with a colon between them for what tells one from the other.
+        to_find: "tool" for its mass, centre of mass and inertia; "noise" for that of the readings at rest and what
+            each joint's speed adds, of which nothing is forecast of logs at hand; the name of an effect for its
+            parameters; two names with a colon between them for what tells one from the other.
         duration: s, of the motion.
         rate: samples a second of the log that will be recorded, and of the motion's table.
         start: (n,) rad, the first and last pose; None = that of the first log, or else one in the middle of the
@@ -93,9 +94,11 @@ def plan(
     limits, assumed = limits_of(setup, first, margin)
     numbers: tuple[Any, ...] = tuple((one.base, one.at) for one in asked)
     if len(asked) == 2:
-        numbers = (*numbers, inertia_std(asked, model, catalogue))
-    task = make_task(setup, params, limits, first, numbers, asked[0].scale, duration, rate)
+        numbers = (*((one.base, one.at, one.at) for one in asked), inertia_std(asked, model, catalogue))
+    task, typical = make_task(setup, params, limits, first, numbers, asked[-1].scale, duration, rate)
     check_start(limits, first, setup.robot.joint_names, excess_at_rest(task, catalogue))
+    if len(asked) == 2:
+        task = with_nearest(task, typical, names, catalogue)
     free = best_shape(task, names, catalogue, seed, lambda share: progress(f"searching, {share // 0.25 / 4:.0%} done"))
     progress("checking the limits")
     found, _ = within(task.points, limits, first, jnp.asarray(free))
@@ -103,8 +106,12 @@ def plan(
     progress("forecasting")
     motion = motion_at(np.arange(round(duration * rate) + 1) / rate, duration, first, coefficients)
     task = task._replace(noise=noise_of(setup, motion.q, motion.dq, rate, task.points.t))
+    if len(asked) == 2:
+        task = with_nearest(task, coefficients, names, catalogue)
     of_plan = told_by(task, coefficients, names, catalogue)
-    of_logs = information_of_logs(make_problem(setup, logs)[0], names, numbers) if logs else None
+    of_logs = (
+        information_of_logs(make_problem(setup, logs)[0], names, task.numbers) if logs and names != (NOISE,) else None
+    )
     of_rest = told_by(task, STILL * coefficients, names, catalogue)
     entries = [catalogue[name] for name in names if name in catalogue]
     expected = forecast(asked, of_plan, of_rest, of_logs, entries)
@@ -125,8 +132,8 @@ def check_arguments(setup: Setup, names: tuple[str, ...], duration: float, rate:
     """
     if setup.pose is not None:
         raise UsageError("has a recorded pose instead of joints", field="setup", remedy="give a setup with [robot]")
-    if len(names) > 2 or len(set(names)) < len(names) or (len(names) == 2 and TOOL in names):
-        remedy = "give 'tool', an effect, or two different effects as A:B"
+    if len(names) > 2 or len(set(names)) < len(names) or (len(names) == 2 and {TOOL, NOISE} & {*names}):
+        remedy = "give 'tool', 'noise', an effect, or two different effects as A:B"
         raise UsageError(f"got {':'.join(names)!r}", field="for", remedy=remedy)
     if names == (TOOL,) and setup.sensor.compensated != "none":
         message = "the controller has subtracted the tool from the reading (sensor.compensated)"
@@ -163,8 +170,10 @@ def make_task(
     scale: np.ndarray,
     duration: float,
     rate: float,
-) -> Task:
+) -> tuple[Task, np.ndarray]:
     """What a motion's worth depends on, on bins that see its fastest harmonic, with the noise of a random motion.
+
+    Beside it the coefficients (n, M) of that one.
 
     Args:
         setup: what its owner believes.
@@ -172,7 +181,7 @@ def make_task(
         limits: of the plan.
         start: (n,) rad, the first pose.
         numbers: of what the motion shall tell, as in ``Task``.
-        scale: typical departures of the first name's.
+        scale: typical departures of the last name's.
         duration: s.
         rate: Hz, of the log.
     """
@@ -182,7 +191,7 @@ def make_task(
     (free,) = random_shapes(0, 1, len(start), harmonics)
     typical = np.asarray(within(points, limits, start, jnp.asarray(free))[0])
     moving = motion_at(np.arange(round(duration * rate)) / rate, duration, start, typical)
-    return Task(
+    task = Task(
         points=points,
         limits=limits,
         start=start,
@@ -192,3 +201,4 @@ def make_task(
         scale=scale,
         noise=noise_of(setup, moving.q, moving.dq, rate, points.t),
     )
+    return task, typical

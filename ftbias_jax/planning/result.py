@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ftbias_jax.io.atomic import write_json
+from ftbias_jax.io.atomic import write_atomic, write_json
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.write import writer
 from ftbias_jax.io.write.provenance import Provenance, provenance, source_of
@@ -97,14 +97,16 @@ class Plan:
 
         Args:
             path: the file.
-            format: "ros", a JointTrajectory as YAML; "ur", URScript; "franka", positions for every millisecond as JSON.
+            format: "ros", a JointTrajectory as YAML; "bag", the same as MCAP; "ur", URScript; "franka", positions
+                for every millisecond as JSON.
 
         Raises:
             UsageError: there is no such format, or the arm has not the joints of such a robot. OutputError: the file
                 cannot be written there.
         """
         check_controllers(self.setup, [format])
-        write_text(path, FORMATS[format](self))
+        content = FORMATS[format](self)
+        write_atomic(path, lambda file: file.write(content if isinstance(content, bytes) else content.encode()))
 
     @property
     def provenance(self) -> Provenance:

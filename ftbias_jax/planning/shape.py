@@ -38,10 +38,10 @@ class Grid(NamedTuple):
 
 
 def harmonics_for(limits: Limits, duration: float) -> int:
-    """How many multiples of 1/duration the series has: up to twice the frequency at which the joint that is quickest
-    for its speed meets the limits of speed and of acceleration at once."""
+    """How many multiples of 1/duration the series has: up to three times the frequency at which the joint that is
+    quickest for its speed meets the limits of speed and of acceleration at once."""
     corner = float(np.max(np.asarray(limits.acceleration) / np.asarray(limits.velocity))) / (2 * np.pi)
-    return int(np.clip(np.ceil(2 * corner * duration), 4, MOST_HARMONICS))
+    return int(np.clip(np.ceil(3 * corner * duration), 4, MOST_HARMONICS))
 
 
 def grid(t: Float[np.ndarray, " U"], duration: float, harmonics: int) -> Grid:

@@ -37,6 +37,7 @@ OUTPUTS = {
     ("plan", "json"): "plan --setup setup.toml -o new.csv --json {}.json",
     ("plan", "html"): "plan --setup setup.toml -o new.csv --html {}.html",
     ("plan", "ros"): "plan --setup setup.toml -o new.csv --ros {}.yaml",
+    ("plan", "bag"): "plan --setup setup.toml -o new.csv --bag {}.mcap",
     ("plan", "ur"): "plan --setup setup.toml -o new.csv --ur {}.script",
     ("plan", "franka"): "plan --setup setup.toml -o new.csv --franka {}.json",
     ("replay", "output"): f"replay {LOG} -o {{}}.npz",
@@ -54,7 +55,7 @@ OUTPUTS = {
 """Command and option -> words with the place of the output's name."""
 CHECKED_ELSEWHERE = {("demo", "output"), ("sample", "output")}
 """A folder that must be new or a demonstration's (test_outputs.py), or empty (simulators/test_sample.py)."""
-NAMES = {"output", "json", "html", "plot", "offsets", "truth", "out", "ros", "ur", "franka"}
+NAMES = {"output", "json", "html", "plot", "offsets", "truth", "out", "ros", "bag", "ur", "franka"}
 
 
 @pytest.fixture(autouse=True)

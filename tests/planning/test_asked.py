@@ -56,18 +56,25 @@ def test_values_that_are_known_take_the_place_of_typical_ones():
     assert asked.at == pytest.approx([1.23])
 
 
-def test_of_two_effects_there_is_what_each_changes_and_then_what_it_can_do():
+def test_of_two_effects_there_is_what_each_has_beyond_the_other_and_what_that_can_do():
     one, two = (asked_for(name, MODEL, CATALOGUE, {}) for name in ("tool_mass", "gain"))
-    numbers = (*((jnp.asarray(a.base), jnp.asarray(a.at)) for a in (one, two)), 1e-3 * jnp.arange(1.0, 7.0))
-    found = np.asarray(jax.jit(lambda s, x: columns(s, {}, x, ("tool_mass", "gain"), CATALOGUE))(signals(), numbers))
-    assert len(found) == 1 + 1 + 1 + 6 + 6
+    near = [jnp.asarray(x) for x in (one.at * 1.1, np.full(6, 1.02))]
+    numbers = [(jnp.asarray(a.base), jnp.asarray(a.at), x) for a, x in zip((one, two), near, strict=True)]
+    both = (*numbers, 1e-3 * jnp.arange(1.0, 7.0))
+    found = np.asarray(jax.jit(lambda s, x: columns(s, {}, x, ("tool_mass", "gain"), CATALOGUE))(signals(), both))
+    assert len(found) == 1 + 6 + 1 + 1 + 6
     tool = asked_for("tool", MODEL, CATALOGUE, {})
     inertia = jax.jit(lambda s, x: columns(s, {}, ((tool.base, x),), ("tool",), CATALOGUE))(
         signals(), jnp.asarray(tool.at)
     )
     np.testing.assert_allclose(found[-6:], inertia[4:] * 1e-3 * np.arange(1, 7)[:, None, None], atol=1e-12)
-    nominal, heavier = (compose.predict(signals(), v) for v in ({}, {"tool_mass": {"mass": jnp.asarray(one.at[0])}}))
-    np.testing.assert_allclose(found[0], heavier - nominal, atol=1e-12)
+    heavier, scaled = (
+        compose.predict(signals(), v)
+        for v in ({"tool_mass": {"mass": jnp.asarray(one.at[0])}}, {"gain": {"gain": near[1]}})
+    )
+    np.testing.assert_allclose(found[0], heavier - scaled, atol=1e-12)
+    slopes = jax.jit(lambda s: columns(s, {}, ((numbers[1][0], near[1]),), ("gain",), CATALOGUE))(signals())
+    np.testing.assert_allclose(found[1:7], slopes, atol=1e-12)
 
 
 @pytest.mark.parametrize(("names", "known"), [(("gain", "tool_mass"), False), (("tool_inertia", "cable"), True)])

@@ -11,6 +11,7 @@ import pytest
 
 import ftbias_jax as ft
 from ftbias_jax.errors import UsageError
+from ftbias_jax.io.write.ours import EXPORT, kind_of
 from ftbias_jax.planning.controllers import FRANKA_RATE, ROS_RATE, UR_RATE
 from ftbias_jax.planning.forecast import Cannot, Forecast
 from ftbias_jax.planning.page import plan_page, tip_path
@@ -70,6 +71,23 @@ def test_a_trajectory_of_ros_has_the_motion_at_its_points(tmp_path):
     assert "# Not known to the plan" in text
 
 
+def test_a_bag_of_ros_has_the_same_trajectory_by_a_reader_of_others(tmp_path):
+    readers = pytest.importorskip("rosbags.highlevel")
+    plan, path = made("panda"), tmp_path / "motion.mcap"
+    plan.save_for(path, "bag")
+    with readers.AnyReader([path]) as reader:
+        ((connection, _, raw),) = reader.messages()
+        message = reader.deserialize(raw, connection.msgtype)
+    assert connection.topic == "/joint_trajectory_controller/joint_trajectory"
+    assert message.joint_names == list(plan.setup.robot.joint_names)
+    expected = plan.at(np.arange(len(message.points)) / ROS_RATE)
+    for key, values in (("positions", expected.q), ("velocities", expected.dq), ("accelerations", expected.ddq)):
+        np.testing.assert_allclose([getattr(point, key) for point in message.points], values, atol=1e-12)
+    last = message.points[-1].time_from_start
+    assert (len(message.points), last.sec, last.nanosec) == (DURATION * ROS_RATE + 1, DURATION, 0)
+    assert kind_of(path) == EXPORT
+
+
 def test_a_script_of_ur_goes_to_the_first_pose_slowly_and_then_follows(tmp_path):
     plan = made("ur5e")
     plan.save_for(tmp_path / "motion.script", "ur")
@@ -95,7 +113,7 @@ def test_a_franka_gets_a_position_every_millisecond(tmp_path):
 
 @pytest.mark.parametrize(("robot", "format"), [("panda", "ur"), ("ur5e", "franka"), ("panda", "kuka")])
 def test_a_format_of_another_robot_is_refused(tmp_path, robot, format):
-    with pytest.raises(UsageError, match="joints" if format != "kuka" else "give one of ros, ur, franka"):
+    with pytest.raises(UsageError, match="joints" if format != "kuka" else "give one of ros, bag, ur, franka"):
         made(robot).save_for(tmp_path / "motion", format)
     assert not list(tmp_path.iterdir())
 

@@ -78,7 +78,7 @@ def test_the_forecast_is_what_a_log_of_the_motion_tells(setup, made):
     """Worked out by other means: the joints of a simulated log, smoothed, and the filter's recursion."""
     (asked,), problem = made.asked, make_problem(setup, [log_of(setup, made.motion)])[0]
     told = information_of_logs(problem, ("tool",), ((asked.base, asked.at),))
-    ratio = stds_of(told, made.asked[0].scale) / made.forecast.plan
+    ratio = stds_of(told, asked) / made.forecast.plan
     assert made.forecast.labels == NAMES
     assert np.all((ratio > 0.85) & (ratio < 1.15)), ratio
 
@@ -87,13 +87,13 @@ def test_it_tells_more_than_random_motions_within_the_same_limits(setup, made):
     params, start = params_from_setup(setup), made.motion.q[0]
     limits, _ = plan.limits_of(setup, start, MARGIN)
     (asked,), scale = made.asked, made.asked[0].scale
-    task = plan.make_task(setup, params, limits, start, ((asked.base, asked.at),), scale, DURATION, RATE)
+    task, _ = plan.make_task(setup, params, limits, start, ((asked.base, asked.at),), scale, DURATION, RATE)
     count = (task.points.basis.shape[2] - 1) // 2
     errors = []
     for free in random_shapes(5, 20, 7, count):
         coefficients = np.asarray(within(task.points, limits, start, jnp.asarray(free))[0])
         told = climb.told_by(task, coefficients, ("tool",), ft.CATALOGUE)
-        errors.append(np.exp(np.log(stds_of(told, scale) / scale).mean()))
+        errors.append(np.exp(np.log(stds_of(told, asked) / scale).mean()))
     best = np.exp(np.log(made.forecast.plan / scale).mean())
     assert best < 0.67 * min(errors)
 
@@ -112,6 +112,40 @@ def test_a_log_at_hand_adds_what_it_tells(setup, made):
     assert "log at hand" in str(both)
 
 
+def test_a_motion_for_the_noise_tells_that_at_rest_and_what_each_speed_adds():
+    still = {"position_noise_std": 1e-9, "velocity_noise_std": 1e-9, "process_noise_density": 1e-3}
+    growth = {"variance": [[0.02] * 3 + [4e-5] * 3]}
+    setup = ft.parse_setup({**TABLES, "joints": still, "effects": {"vibration": growth}})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(climb, "CALLS", 2)
+        made = ft.plan(setup, "noise", duration=DURATION, rate=RATE, seed=1)
+    std = dict(zip(made.forecast.labels, made.forecast.plan, strict=True))
+    level, of_speed = np.repeat([1e-2, 1.6e-5], 3), np.repeat([0.02, 4e-5], 3)
+    each = made.motion.dq[:-1, :, None] ** 2 * of_speed
+    whole = level + each.sum(1)
+    shares = np.concatenate([np.eye(6)[:, None] * level / whole, (each / whole[:, None]).transpose(1, 0, 2)])
+    told = 2 * np.einsum("pta,qta->pq", shares, shares)  # d log variance = 2 share d log std
+    np.testing.assert_allclose([*std.values()], np.sqrt(np.diag(np.linalg.inv(told))), rtol=0.03)
+    assert list(std)[5:7] == ["at_rest_tz", "speed_of_joint_1"]
+    assert max(std.values()) < 0.15
+
+
+def test_two_effects_are_compared_where_they_come_nearest_to_one_another(setup):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(climb, "CALLS", 1)
+        values = {"time_delay": {"delay": 0.02}, "low_pass": {"cutoff": 4.0}}
+        made = ft.plan(setup, "time_delay:low_pass", duration=DURATION, rate=RATE, values=values)
+        limits, _ = plan.limits_of(setup, made.motion.q[0], MARGIN)
+        numbers = (*((a.base, a.at, a.at) for a in made.asked), np.zeros(6))
+        arguments = (limits, made.motion.q[0], numbers, made.asked[1].scale, DURATION, RATE)
+        task, _ = plan.make_task(setup, params_from_setup(setup), *arguments)
+        found = climb.with_nearest(task, made.coefficients, ("time_delay", "low_pass"), ft.CATALOGUE)
+    (_, _, delay), (_, _, cutoff), _ = found.numbers
+    assert 2 * np.pi * cutoff[0] * 0.02 == pytest.approx(1, rel=0.2), "a delay looks like a low-pass of that time"
+    assert 2 * np.pi * 4.0 * delay[0] == pytest.approx(1, rel=0.2)
+    assert 12.5 < made.forecast.separates["time_delay:low_pass"] < np.inf
+
+
 def test_what_is_written_is_what_the_plan_says(made, tmp_path):
     made.save(tmp_path / "motion.csv")
     made.to_json(tmp_path / "plan.json")
@@ -128,7 +162,7 @@ def test_what_is_written_is_what_the_plan_says(made, tmp_path):
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ({"to_find": "tool:gain"}, "for: got 'tool:gain' (give 'tool', an effect, or two different effects as A:B)"),
+        ({"to_find": "tool:gain"}, "for: got 'tool:gain' (give 'tool', 'noise', an effect, or two"),
         ({"duration": 1.0}, "duration: must be from 4 to 300, not 1"),
         ({"start": [0.0, 1.0]}, "start: has 2 numbers for 7 joints"),
         ({"start": [0.0, 1.9, 0.0, -2.0, 0.0, 1.8, 0.8]}, "panda_joint2 at 1.9 is outside of"),

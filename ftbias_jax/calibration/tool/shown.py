@@ -19,9 +19,12 @@ from ftbias_jax.calibration.tool.physical import (
     NAMES,
     OF_INERTIA,
     Quadratic,
+    coordinates,
+    data_sheet,
     most_likely,
     physical,
     slope_of_physical,
+    theta_of,
     tool_units,
     total,
 )
@@ -70,8 +73,11 @@ def in_blocks(linear: Linear, dt: np.ndarray) -> list[Quadratic]:
     return parts
 
 
-def judge(parts: list[Quadratic], x: np.ndarray, prior: Prior) -> Shown:
-    """Fit the tool, from coordinates x (P,), to as much as its log, in blocks, determines of it."""
+def judge(parts: list[Quadratic], x: np.ndarray, prior: Prior, inertia: np.ndarray) -> Shown:
+    """Fit the tool, from coordinates x (P,), to as much as its log, in blocks, determines of it.
+
+    Where it does not determine the inertia, the one stated is kept: (6,) kg m^2, about the centre of mass.
+    """
     cost = total(parts)
     x = most_likely(cost, x, prior)
     dispersion = overdispersion(parts, x, prior)
@@ -80,15 +86,13 @@ def judge(parts: list[Quadratic], x: np.ndarray, prior: Prior) -> Shown:
     units = tool_units(_at(x)[0])
     kept, poor = (undetermined(tempered.information, units, alone=alone) for alone in (True, False))
     prior = fixed(prior, [COORDINATE[name] for name in kept if name in COORDINATE])
-    with_stated = fixed(prior, range(*OF_INERTIA.indices(len(x))))
     free = most_likely(tempered, x, prior)
-    stated = most_likely(tempered, x, with_stated)
+    stated, with_stated = _keeping(inertia, tempered, free, prior)
     gains = []
     for part in parts:
         rest = total([other for other in parts if other is not part]).scaled(1 / dispersion)
-        costs = (part(_at(most_likely(rest, start, p))) for start, p in ((stated, with_stated), (free, prior)))
-        without, with_ = costs
-        gains.append((without - with_) / dispersion)
+        without = part(_with_inertia(inertia, _keeping(inertia, rest, stated, prior)[0]))
+        gains.append((without - part(_at(most_likely(rest, free, prior)))) / dispersion)
     gain, error = float(np.sum(gains)), float(np.std(gains) * np.sqrt(len(gains)))
     if gain > STANDARD_ERRORS * error and gain > 0:
         return Shown(free, prior, dispersion, kept, poor, True, (gain, error))
@@ -141,7 +145,23 @@ def fixed(prior: Prior, rows: Iterable[int]) -> Prior:
     """The prior with these coordinates held where it has them."""
     std = prior.std.copy()
     std[list(rows)] = FIXED
-    return Prior(prior.mean, std)
+    return Prior(prior.mean.copy(), std)
+
+
+def _keeping(inertia: np.ndarray, cost: Quadratic, x: np.ndarray, prior: Prior) -> tuple[np.ndarray, Prior]:
+    """The most likely coordinates with this inertia, not this inertia for each kg, and the prior that holds it."""
+    held = fixed(prior, range(*OF_INERTIA.indices(len(x))))
+    for _ in range(2):  # the mass hardly depends on the inertia
+        held.mean[OF_INERTIA] = coordinates(jnp.asarray(_with_inertia(inertia, x)[:10]))[OF_INERTIA]
+        x = most_likely(cost, x, held)
+    return x, held
+
+
+def _with_inertia(inertia: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(P,) parameters at coordinates (P,) but for the inertia about the centre of mass, (6,) kg m^2."""
+    z = _at(x)
+    sheet = np.concatenate([np.asarray(data_sheet(jnp.asarray(z[:10])))[:4], inertia])
+    return np.concatenate([theta_of(sheet), z[10:]])
 
 
 def _at(x: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from ftbias_jax.setup import load_setup
 
 GENERATED = ("sines", "moves")
 """Motions that are not read from a log."""
-CONTROLLERS = {"ros": ".yaml", "ur": ".script", "franka": ".json"}
+CONTROLLERS = {"ros": ".yaml", "bag": ".mcap", "ur": ".script", "franka": ".json"}
 """Option of ``plan`` -> suffix of its file, as ``planning.controllers`` knows them."""
 
 

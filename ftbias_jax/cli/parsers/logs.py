@@ -139,9 +139,9 @@ OF_LOGS = {
             setup("robot, sensor, tool, noise, effects and limits"),
             option(
                 "--for",
-                "tool|EFFECT|A:B",
-                "tell the tool's parameters, those of an effect, or one effect from another (default: the two that "
-                "--diagnosis cannot distinguish, or the tool)",
+                "tool|noise|EFFECT|A:B",
+                "tell the parameters of the tool, of the noise or of an effect, or one effect from another (default: "
+                "the two that --diagnosis cannot distinguish, or the tool)",
                 dest="to_find",
                 default="",
             ),
@@ -158,6 +158,7 @@ OF_LOGS = {
             group(
                 "for controllers",
                 option("--ros", "FILE.yaml", "also write a JointTrajectory of ROS 2"),
+                option("--bag", "FILE.mcap", "also write it as a recording, for ros2 bag play"),
                 option("--ur", "FILE.script", "also write a URScript that follows it by servoj"),
                 option("--franka", "FILE.json", "also write joint positions and velocities for every millisecond"),
             ),

@@ -10,6 +10,9 @@ from ftbias_jax.diagnosis.regression.design_matrix import Information, informati
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.thresholds import NATS_PER_DEGREE
 
+SINGLE = 1e-5
+"""Share of a column's power that products in single precision are not sure of: what is left of less is rounding."""
+
 
 class Gains(NamedTuple):
     """What further columns would gain on top of a fit, all coefficients solved for again together, to first order."""
@@ -39,10 +42,12 @@ class Gains(NamedTuple):
         """
         normal, pull = self.normal[np.ix_(rows, rows)].astype(float), self.pull[rows].astype(float)
         ridge = 1e-8 * max(np.trace(normal) / max(len(rows), 1), 1e-12)
-        chosen: list[int] = []
-        gained = 0.0
+        chosen, gained, power = list[int](), 0.0, normal.diagonal().copy()
         while len(chosen) < min(most, len(rows)):
-            gains = np.where(np.isin(rows, chosen), -1, pull**2 / (np.maximum(normal.diagonal(), 0) + ridge))
+            left = normal.diagonal()
+            gains = np.where(
+                np.isin(rows, chosen) | (left < SINGLE * power), -1, pull**2 / (np.maximum(left, 0) + ridge)
+            )
             best = int(gains.argmax())
             gain = float(gains[best]) / 2
             if gain < max(2 * NATS_PER_DEGREE, least * (gained + gain)):

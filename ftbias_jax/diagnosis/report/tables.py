@@ -65,7 +65,8 @@ def _term_lines(term: FoundTerm) -> list[str]:
 def term_numbers(term: FoundTerm) -> list[tuple[str, str]]:
     """(name, value ± standard error) of a term's numbers."""
     rows = [(name, _numbers_words(value, term.stderr[name])) for name, value in term.coefficients.items()]
-    rows += [(n, value_words(value, term.parameters_stderr.get(n, np.nan))) for n, value in term.parameters.items()]
+    known = term.parameters_stderr
+    rows += [(name, _numbers_words(value, known.get(name, np.nan))) for name, value in term.parameters.items()]
     point = [("point [m]", ", ".join(f"{x:.3f}" for x in term.point))] if term.point else []
     return rows + point
 

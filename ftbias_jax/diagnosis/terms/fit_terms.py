@@ -25,6 +25,8 @@ DAMPINGS = (0.0, 0.1, 3.0)
 RELATIVE_STEP = 1e-3
 POINT_SCALE = 0.05
 """m."""
+TIME_SCALE = 0.02
+"""s, in which times are moved: a bin or two."""
 RESOLUTION = 0.2
 """Of one over the duration of the logs, in which a frequency is moved."""
 LONGEST_STEP = 0.7
@@ -53,6 +55,8 @@ class Described(NamedTuple):
     """Its coordinates come first in ``columns.moving``, then each term's coefficients, parameters and point, scaled."""
     scales: tuple[np.ndarray, ...]
     """Of each term's numbers, in that order: their units in the columns."""
+    time_stderr: tuple[np.ndarray, ...]
+    """(N,) s, of each term's times. These have no columns: other blocks do not predict when something is switched."""
 
 
 class _Place(NamedTuple):
@@ -62,6 +66,7 @@ class _Place(NamedTuple):
     name: str
     """Of the parameter; "" for the point."""
     axis: int
+    """Of the point, or number in a list."""
     scale: float
     least: float
     most: float
@@ -119,11 +124,13 @@ def _places(terms: tuple[Term, ...], duration: float) -> list[_Place]:
     found = []
     for i, term in enumerate(terms):
         for parameter in FORMS[term.drive, term.form].parameters:
-            value = float(term.parameters[parameter.name])
-            scale = max(abs(value), 0.2 if parameter.unit in ("m", "1") else 0.02)
-            if parameter.name == "frequency" and term.form != "swing":
-                scale = RESOLUTION / duration
-            found.append(_Place(i, parameter.name, 0, scale, parameter.least, parameter.most))
+            for k, value in enumerate(np.ravel(term.parameters[parameter.name])):
+                scale = max(abs(float(value)), 0.2 if parameter.unit in ("m", "1") else 0.02)
+                if parameter.name == "frequency" and term.form != "swing":
+                    scale = RESOLUTION / duration
+                elif parameter.several:
+                    scale = TIME_SCALE
+                found.append(_Place(i, parameter.name, k, scale, parameter.least, parameter.most))
         if has_point(term):
             found += [_Place(i, "", axis, POINT_SCALE, -1.0, 1.0) for axis in range(3)]
     return found
@@ -155,7 +162,8 @@ def _slopes(problem: Problem, state: State, terms: tuple[Term, ...], places: lis
     for place in places:
         here, by = terms[place.term], RELATIVE_STEP
         there = _moved(terms, [place], [by])[place.term]
-        if there.parameters == here.parameters and (there.point == here.point).all():  # at its upper bound
+        same = [np.array_equal(there.parameters[name], here.parameters[name]) for name in here.parameters]
+        if all(same) and (there.point == here.point).all():  # at its upper bound
             by = -RELATIVE_STEP
             there = _moved(terms, [place], [by])[place.term]
         found.append((added(np, there, state) - stays[place.term]) / by)
@@ -182,14 +190,19 @@ def _step(normal: np.ndarray, pull: np.ndarray, power: np.ndarray, damping: floa
 def _described(problem: Problem, state: State, start: Fit, now: Solved, places: list[_Place]) -> Described:
     """The fit with all columns that the terms' numbers have."""
     slopes = _slopes(problem, state, now.terms, places)
-    moving, scales, row = [start.columns.moving], [], 0
+    power = np.einsum("nuc,nuc->n", slopes, slopes)
+    moving, scales, late, row = [start.columns.moving], [], [], 0
     for i, term in enumerate(now.terms):
         count = len(term.coefficients)
-        own = [k for k, place in enumerate(places) if place.term == i]
+        own = [k for k, place in enumerate(places) if place.term == i and place.name != "time"]
+        timed = [k for k, place in enumerate(places) if place.term == i and place.name == "time"]
         # A coefficient's column is scaled by its size, so that no prior matters.
         size = np.maximum(np.abs(term.coefficients), 1e-12)
         moving += [now.white[row : row + count] * size[:, None, None], slopes[own]]
         scales.append(np.concatenate([size, [places[k].scale for k in own]]))
+        # At the edge of a bin the slope is zero: it is known to a bin.
+        width = np.median(np.diff(state.t))
+        late.append(np.hypot(width / np.sqrt(12), np.minimum(TIME_SCALE / np.sqrt(power[timed] + 1e-12), width)))
         row += count
     columns_of_all = Columns(np.concatenate(moving), start.columns.series)
     z, free, first = start.z.copy(), len(start.free), len(start.columns.moving)
@@ -198,7 +211,7 @@ def _described(problem: Problem, state: State, start: Fit, now: Solved, places: 
     fit = start._replace(
         z=z, coefficients=coefficients, error=now.error, columns=columns_of_all, log_likelihood=now.log_likelihood
     )
-    return Described(now.terms, fit, tuple(scales))
+    return Described(now.terms, fit, tuple(scales), tuple(late))
 
 
 def _moved(terms: tuple[Term, ...], places: list[_Place], step: Sequence[float] | np.ndarray) -> tuple[Term, ...]:
@@ -206,8 +219,9 @@ def _moved(terms: tuple[Term, ...], places: list[_Place], step: Sequence[float] 
     for place, by in zip(places, step, strict=True):
         term = found[place.term]
         if place.name:
-            value = np.clip(float(term.parameters[place.name]) + by * place.scale, place.least, place.most)
-            found[place.term] = replace(term, parameters={**term.parameters, place.name: np.asarray(value)})
+            values = np.array(term.parameters[place.name], float)
+            values.flat[place.axis] = np.clip(values.flat[place.axis] + by * place.scale, place.least, place.most)
+            found[place.term] = replace(term, parameters={**term.parameters, place.name: values})
         else:
             point = np.array(term.point, float)
             point[place.axis] = np.clip(point[place.axis] + by * place.scale, place.least, place.most)

@@ -13,7 +13,7 @@ from ftbias_jax.diagnosis.regression.fit import Fit, covariance
 from ftbias_jax.diagnosis.result import Curve, FoundTerm, Gap, Numbers
 from ftbias_jax.diagnosis.terms.describe import Description
 from ftbias_jax.diagnosis.terms.grid import free_names
-from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS, resembles
+from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS, resembles, spells_in_words
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.model.effects.terms.columns import added, at_point, count_columns, has_point
 from ftbias_jax.model.effects.terms.forms import FORMS
@@ -37,9 +37,11 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
     spread = np.sqrt(np.maximum(np.diag(covariance(problem, described.fit)), 0))
     row, total = len(description.kept.columns.moving), max(gap.before_sigmas**2 - 1, 1e-12)
     found = []
-    for step, term, scales in zip(description.steps, described.terms, described.scales, strict=True):
+    told = zip(description.steps, described.terms, described.scales, described.time_stderr, strict=True)
+    for step, term, scales, times in told:
         stderr = scales * spread[row : row + len(scales)]
         row += len(scales)
+        late: dict[str, Numbers] = {"time": np.squeeze(times).tolist()} if len(times) else {}
         values, count = np.asarray(term.coefficients, float), len(term.coefficients)
         # A real cause never has quite the form, and no scatter of the data shows that.
         errors = np.hypot(stderr[:count], FORM_ERROR * np.abs(values))
@@ -52,7 +54,7 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
             (step.held.nats, step.held.nats_stderr),
         )
         one = one._replace(
-            parameters_stderr=dict(zip(free_names(term), stderr[count:].tolist(), strict=False)),
+            parameters_stderr=dict(zip(free_names(term), stderr[count:].tolist(), strict=False)) | late,
             equivalent_to=tuple(rival.drive for rival in step.rivals),
             separate_by=tuple(DRIVE_WORDS[rival.drive].separate_by for rival in step.rivals),
             shrink=share,
@@ -72,7 +74,7 @@ def found_term(term: Term, errors: np.ndarray, text: str, statement: str, gain: 
         text=text,
         coefficients=grouped(term, np.asarray(term.coefficients, float)),
         stderr=grouped(term, errors),
-        parameters={name: float(value) for name, value in term.parameters.items()},
+        parameters={name: np.asarray(value, float).tolist() for name, value in term.parameters.items()},
         parameters_stderr={},
         point=np.asarray(term.point, float).tolist() if has_point(term) else None,
         equivalent_to=(),
@@ -203,8 +205,12 @@ def _unit_of_load(term: Term, channel: int) -> str:
 
 def _unit(term: Term, series: str, channel: int) -> str:
     form, own = FORMS[term.drive, term.form], AXIS_UNITS[channel]
+    if form.name == "payload":
+        return "kg"
     if form.name == "spring":
         return "N per m" if series == "stiffness" else "N"
+    if series == "dry":
+        return "N"
     per = f"{form.unit}^{POWERS[series]}" if series in POWERS else form.unit
     return own if form.unit == "1" else f"{own} per {per}"
 
@@ -248,16 +254,19 @@ def statement(term: Term, values: np.ndarray, stderr: np.ndarray, rms: str) -> s
 def _what(term: Term) -> str:
     if term.acts_as == "wrench" and term.frame == "sensor":
         return "a change of the reading"
+    if term.form == "payload":
+        return "a load"
     return {"force": "a force", "torque": "a torque", "wrench": "a force and torque", "bias": "a bias"}[term.acts_as]
 
 
 def _does(term: Term) -> str:
     """What it follows, with the numbers of its form filled in."""
-    numbers = {name: float(value) for name, value in term.parameters.items()}
+    numbers = {name: float(value) for name, value in term.parameters.items() if np.size(value) == 1}
     if "frequency" in numbers:
         numbers["period"] = 1 / max(numbers["frequency"], 1e-9)
+    spells = spells_in_words(term.parameters["time"]) if "time" in term.parameters else ""
     joints = f"joint {term.joint}" if term.joint else "all joints"
-    return FORM_WORDS[term.drive, term.form].format(**numbers, joint=term.joint, joints=joints)
+    return FORM_WORDS[term.drive, term.form].format(**numbers, joint=term.joint, joints=joints, spells=spells)
 
 
 def _size(term: Term, values: np.ndarray, stderr: np.ndarray) -> str:

@@ -11,12 +11,15 @@ from dataclasses import replace
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.samples.types import SampleFindings
+from ftbias_jax.diagnosis.terms.switches import switches
 from ftbias_jax.diagnosis.thresholds import LEAST_POWER, LEAST_TURN, LEAST_WARMING
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.terms.columns import has_point
 from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.types import State, Term
+from ftbias_jax.types import Array
 
 SWINGS = tuple((f, z) for f in np.geomspace(0.4, 14.0, 13) for z in (0.04, 0.3))
 """Hz and shares of critical damping."""
@@ -24,6 +27,8 @@ SPEEDS, TURNS = (0.005, 0.05), (0.01, 0.1)
 """m/s and rad/s below which dry friction gives way."""
 CENTRES = 5
 """Places along every axis of the base where a field may come from."""
+REGIONS, RADII = 24, (0.12, 0.3)
+"""Places on the way of the tool about which there may be a region, and shares of the way's extent that it reaches."""
 REFERENCES = (0.0, 0.5, 1.0)
 """Quantiles of the temperature at which gauges may be right."""
 QUANTILES = (0.3, 0.6, 0.85)
@@ -36,6 +41,15 @@ FORCE, TORQUE, SENSOR, JOINT = ("base", "force"), ("base", "torque"), ("sensor",
 """Frame, and what a term acts as."""
 EACH = (FORCE, TORQUE, SENSOR)
 """Scalars along the axes of the base, as forces and as torques, and along those of the sensor."""
+SWITCHED = {
+    "sensor": ("time", "step", (SENSOR,)),
+    "force": ("time", "step", (FORCE,)),
+    "torque": ("time", "step", (TORQUE,)),
+    "payload": ("acceleration", "payload", (FORCE,)),
+}
+"""What may be switched on and off -> drive, form, frame and what it acts as."""
+TAKEN_OVER = 0.05
+"""s in which a part is taken from the table at first: a fit finds less, but from a step it finds no slope."""
 LINES = 4
 PADDING = 8
 """Times the length of a log over which its spectrum is taken, so that a line's frequency is known well enough."""
@@ -54,40 +68,43 @@ def make_term(
     frame: str,
     acts_as: str,
     joint: int = 0,
-    parameters: Mapping[str, float] | None = None,
+    parameters: Mapping[str, Array] | None = None,
     point: np.ndarray | None = None,
 ) -> Term:
     """A term without coefficients."""
     at = np.zeros(3) if point is None else point
-    numbers = {name: np.asarray(value, float) for name, value in (parameters or {}).items()}
+    numbers = {
+        n: np.asarray(value if np.size(value) > 1 else np.squeeze(value), float)
+        for n, value in (parameters or {}).items()
+    }
     return Term(drive, form, frame, acts_as, joint, (), numbers, at, np.zeros(0))
 
 
-def make_grid(
-    problem: Problem, state: State, point: np.ndarray, error: np.ndarray, fast: Sequence[float] = ()
-) -> list[Term]:
+def make_grid(problem: Problem, state: State, point: np.ndarray, fit: Fit, fast: Sequence[float] = ()) -> list[Term]:
     """All terms to try.
 
     Args:
         problem: of the logs.
         state: of all logs end to end.
         point: (3,) m, sensor frame, where forces act at first.
-        error: (U, 6) innovations that remain, for what stands out in their spectrum.
+        fit: what it leaves is looked at for what stands out.
         fast: Hz of lines in the single samples.
     """
     terms = (*_slow(problem), *_of_places(state), *_of_joints(problem, state), *_vectors(state), *_channels(problem))
     shifts = state.q.shape[1] or problem.joints == ENTRIES
     found = [term for term in terms if shifts or term.drive not in LINEAR_DRIVES]
-    return _at(point, found) + of_spectra(problem, state, point, error, fast)
+    return _at(point, found) + that_stand_out(problem, state, point, fit, fast)
 
 
-def of_spectra(
-    problem: Problem, state: State, point: np.ndarray, error: np.ndarray, fast: Sequence[float] = ()
+def that_stand_out(
+    problem: Problem, state: State, point: np.ndarray, fit: Fit, fast: Sequence[float] = ()
 ) -> list[Term]:
-    """The terms that stand out in what remains: lines in time and in the angles of joints. Arguments as above."""
-    found = [*_terms("frequency", "line", EACH, _each("frequency", [*fast, *lines(problem, error)]))]
-    for joint, multiple in multiples(state, error):
+    """Terms by what a fit leaves: lines in time and in angles of joints, and what is switched. Arguments as above."""
+    found = [*_terms("frequency", "line", EACH, _each("frequency", [*fast, *lines(problem, fit.error)]))]
+    for joint, multiple in multiples(state, fit.error):
         found += _terms("joint_angle", "harmonic", EACH, [{"multiple": multiple}], joint)
+    for name, times in switches(problem, state, fit):
+        found += _terms(*SWITCHED[name], [{"time": times} | ({"takes": TAKEN_OVER} if name == "payload" else {})])
     return _at(point, found)
 
 
@@ -99,7 +116,7 @@ def _terms(
     drive: str,
     form: str,
     places: Sequence[tuple[str, str]],
-    grid: Iterable[Mapping[str, float]] = ({},),
+    grid: Iterable[Mapping[str, Array]] = ({},),
     joint: int = 0,
 ) -> Iterator[Term]:
     """A form with every set of parameters of a grid, in frames and as what it may act."""
@@ -190,6 +207,19 @@ def _vectors(state: State) -> Iterator[Term]:
     centres = np.stack(np.meshgrid(*np.linspace(low - room, high + room, CENTRES).T), -1).reshape(-1, 3)
     fields = [_vector(centre) | {"power": 2.0, "core": 0.1} for centre in centres]
     yield from _terms("position", "attraction", (FORCE,), fields)
+    extent = float(np.linalg.norm(high - low))
+    for radius in (share * extent for share in RADII):
+        regions = [_vector(place) | {"radius": radius, "edge": radius / 3} for place in _visited(state.position)]
+        yield from _terms("velocity", "local", (FORCE,), regions)
+
+
+def _visited(positions: np.ndarray) -> list[np.ndarray]:
+    """Places (3,) among positions (U, 3), each as far as possible from those before it."""
+    chosen, distance = [positions[0]], np.full(len(positions), np.inf)
+    for _ in range(REGIONS - 1):
+        distance = np.minimum(distance, ((positions - chosen[-1]) ** 2).sum(1))
+        chosen.append(positions[distance.argmax()])
+    return chosen
 
 
 def _channels(problem: Problem) -> Iterator[Term]:
@@ -210,8 +240,8 @@ def _channels(problem: Problem) -> Iterator[Term]:
 
 
 def free_names(term: Term) -> tuple[str, ...]:
-    """Names of the parameters in which the form is not linear."""
-    return tuple(parameter.name for parameter in FORMS[term.drive, term.form].parameters)
+    """Names of the parameters in which the form is not linear, without times at which something is switched."""
+    return tuple(own.name for own in FORMS[term.drive, term.form].parameters if not own.several)
 
 
 def lines(problem: Problem, error: np.ndarray) -> list[float]:

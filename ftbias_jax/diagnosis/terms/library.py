@@ -30,6 +30,7 @@ ROUNDS = 6
 AT_ONE_POINT = (
     ("position", "attraction"),
     ("position", "quadratic"),
+    ("velocity", "local"),
     ("time", "step"),
     ("time", "wave"),
     ("frequency", "line"),
@@ -93,7 +94,7 @@ def make_library(problem: Problem, state: State, terms: list[Term]) -> Library:
 
 def _trial(term: Term, state: State, place: Place) -> Trial:
     """A term whose columns have found their lanes."""
-    key = (term.drive, term.form, term.frame, term.joint, *((n, float(x)) for n, x in term.parameters.items()))
+    key = (term.drive, term.form, term.frame, term.joint, *((n, *np.ravel(x)) for n, x in term.parameters.items()))
     if acts_on_channels(term):
         lanes = place((*key, "channels"), lambda: channel_series(np, term, state))
         return Trial(term, np.repeat(lanes, 6), np.tile(np.eye(6, dtype=bool), (len(lanes), 1)))
@@ -151,25 +152,30 @@ def _gains(library: Library, prepared_fit: PreparedFit) -> list[Gains]:
     return [Gains(normal - a @ b.T, c, b.T) for normal, a, b, c in pieces]
 
 
-def merit_of(gain: float, numbers: int) -> float:
-    """nats that count of a gain by so many free numbers."""
-    return gain * (1 - SHARE_PER_NUMBER * numbers) - NATS_PER_DEGREE * numbers
+def merit_of(gain: float, numbers: int, times: int = 0) -> float:
+    """nats that count of a gain by so many free numbers, and times, which make no form more flexible."""
+    return gain * (1 - SHARE_PER_NUMBER * numbers) - NATS_PER_DEGREE * (numbers + times)
+
+
+def times_of(term: Term) -> int:
+    """How often a term is switched on or off."""
+    return np.size(term.parameters["time"]) if "time" in term.parameters else 0
 
 
 def _judge(trial: Trial, prepared: Gains) -> Ranked:
     term, count = trial.term, len(trial.lanes) - trial.arms
-    numbers = len(free_names(term))
+    numbers, times = len(free_names(term)), times_of(term)
     if trial.arms:
         gain, point, coefficients = _with_point(prepared, count, trial.arms // 3)
-        return Ranked(merit_of(gain, numbers + count + 3), _with(term, coefficients, point))
+        return Ranked(merit_of(gain, numbers + count + 3, times), _with(term, coefficients, point))
     rows = list(range(count))
     numbers += 3 * has_point(term)
     if count <= 3:
-        return Ranked(merit_of(prepared.of(rows), numbers + count), _with(term, prepared.coefficients(rows)))
+        return Ranked(merit_of(prepared.of(rows), numbers + count, times), _with(term, prepared.coefficients(rows)))
     gain, chosen = prepared.pursue(rows, MOST_NUMBERS, LEAST_ENTRY)
     chosen = sorted(chosen)
     best = _with(term, prepared.coefficients(chosen), used=tuple(chosen)) if chosen else term
-    return Ranked(merit_of(gain, numbers + len(chosen)), best)
+    return Ranked(merit_of(gain, numbers + len(chosen), times), best)
 
 
 def _with(term: Term, coefficients: np.ndarray, point: np.ndarray | None = None, used: tuple[int, ...] = ()) -> Term:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from ftbias_jax.model.effects.terms.types import Term
+from ftbias_jax.types import Array
 
 
 class Words(NamedTuple):
@@ -100,7 +103,7 @@ FORM_WORDS = {
     ("time", "exponential"): "that settles with a time constant of {time_constant:.3g} s",
     ("time", "linear"): "that grows by the second",
     ("time", "quadratic"): "that changes slowly with time",
-    ("time", "step"): "that sets in at {time:.4g} s",
+    ("time", "step"): "that is there {spells}",
     ("time", "wave"): "that rises and falls with a period of {period:.3g} s",
     ("temperature", "linear"): "that follows the temperature",
     ("temperature", "quadratic"): "that follows the temperature and its square",
@@ -123,6 +126,7 @@ FORM_WORDS = {
     ("velocity", "quadratic"): "against the velocity of the tool, with the square of the speed",
     ("velocity", "cubic"): "against the velocity of the tool, with the third power of the speed",
     ("velocity", "coulomb"): "against the direction of motion of the tool, whatever the speed",
+    ("velocity", "local"): "against the velocity of the tool within {radius:.2g} m of ({x:.2f}, {y:.2f}, {z:.2f}) m",
     ("angular_velocity", "linear"): "against the rotation of the tool",
     ("angular_velocity", "quadratic"): "against the rotation of the tool, with the square of the rate",
     ("angular_velocity", "coulomb"): "against the rotation of the tool, whatever the rate",
@@ -130,6 +134,7 @@ FORM_WORDS = {
     ("acceleration", "linear"): "against the acceleration of the tool, without a weight",
     ("acceleration", "swing"): "of a mass that swings at {frequency:.3g} Hz with damping {damping_ratio:.2g}",
     ("acceleration", "trailing"): "that follows the acceleration {lag:.2g} s late",
+    ("acceleration", "payload"): "that is carried {spells}",
     ("acceleration", "turning"): "against the angular acceleration of the tool",
     ("joint_angle", "linear"): "in proportion to the angle of joint {joint}",
     ("joint_angle", "cubic"): "that grows with the angle of joint {joint}",
@@ -145,7 +150,7 @@ FORM_WORDS = {
     ("load_time", "linear"): "in proportion to the load, growing by the second",
     ("load_time", "exponential"): "in proportion to the load, settling in {time_constant:.3g} s",
     ("load_time", "wave"): "in proportion to the load, with a period of {period:.3g} s",
-    ("load_time", "step"): "in proportion to the load, from {time:.4g} s on",
+    ("load_time", "step"): "in proportion to the load, {spells}",
     ("frequency", "line"): "at {frequency:.5g} Hz",
     ("noise", "load"): "with the square of each channel's load",
     ("noise", "force"): "with the square of the force on the sensor",
@@ -160,16 +165,34 @@ LIKE = {
     ("velocity", "coulomb"): "dry friction",
     ("velocity", "linear"): "a damper",
     ("velocity", "quadratic"): "drag in a liquid",
+    ("velocity", "local"): "something in the room that the tool brushes against",
     ("angular_velocity", "coulomb"): "dry friction",
     ("angular_velocity", "gyroscopic"): "a spindle",
     ("position", "spring"): "a hose or bungee",
     ("position", "attraction"): "a magnet",
     ("position", "barrier"): "a brush or wall",
     ("acceleration", "swing"): "sloshing",
+    ("acceleration", "payload"): "a part that is gripped",
+    ("time", "step"): "a jet of air, a motor or a magnet that is switched",
     ("joint_velocity", "heat"): "heat of the motors",
     ("joint_velocity", "friction"): "a seal that rubs",
 }
 """What a form resembles most, where that is not the first of what its drive resembles."""
+
+
+FEW = 3
+"""Spells that are listed one by one."""
+
+
+def spells_in_words(times: Array) -> str:
+    """When something is there that is switched on and off in turn at so many times (N,) s."""
+    edges = np.ravel(times)
+    lengths = np.diff(edges)[::2]
+    if len(lengths) > FEW:
+        return f"{(len(edges) + 1) // 2} times, {lengths.min():.2g} to {lengths.max():.2g} s each"
+    words = [f"from {on:.4g} to {off:.4g} s" for on, off in zip(edges[::2], edges[1::2], strict=False)]
+    words += [f"from {edges[-1]:.4g} s on"] if len(edges) % 2 else []
+    return " and ".join(words)
 
 
 def resembles(term: Term) -> tuple[str, ...]:

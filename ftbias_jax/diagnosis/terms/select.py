@@ -17,12 +17,12 @@ from ftbias_jax.diagnosis.regression.score_test import PreparedFit, stand
 from ftbias_jax.diagnosis.samples.bins import fill_up
 from ftbias_jax.diagnosis.search import gap_of
 from ftbias_jax.diagnosis.terms.fit_terms import Described, Solved, fit_terms, improve
-from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, of_spectra
-from ftbias_jax.diagnosis.terms.library import Library, Ranked, make_library, merit_of, rank
+from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, that_stand_out
+from ftbias_jax.diagnosis.terms.library import Library, Ranked, make_library, merit_of, rank, times_of
 from ftbias_jax.model.effects.terms.columns import columns, has_point, state_of
 from ftbias_jax.model.effects.terms.types import State, Term
 
-STARTS = {"attraction": 5, "barrier": 2}
+STARTS = {"attraction": 5, "barrier": 2, "local": 3}
 """Points of the grid from which forms with several maxima are fitted."""
 FINE = 13
 """Times tried at every refinement of one, of which two are made."""
@@ -57,7 +57,7 @@ class Search:
         self.state: State = state_of_problem(problem, base)
         theta = np.asarray(problem.parts[0].signals.model.theta)
         self.point: np.ndarray = theta[1:4] / theta[0]  # the stated centre of mass
-        grid = make_grid(problem, self.state, self.point, base.error, fast)
+        grid = make_grid(problem, self.state, self.point, base, fast)
         self.library: Library = make_library(problem, self.state, grid)
 
     def best(self, start: Fit) -> list[tuple[float, Solved]]:
@@ -70,9 +70,12 @@ class Search:
 
         def improved(term: Term, steps: int) -> tuple[float, Solved]:
             one = improve(self.problem, self.state, prepared_fit, (term,), steps, ROUGHLY)
-            return merit_of(one.log_likelihood - start.log_likelihood, numbers_of(one.terms[0])), one
+            return _merit(one.log_likelihood - start.log_likelihood, one.terms[0]), one
 
-        timed = (self._timed(one.term, prepared_fit) if "time" in one.term.parameters else one.term for one in few)
+        timed = (
+            self._timed(one.term, prepared_fit) if np.size(one.term.parameters.get("time", ())) == 1 else one.term
+            for one in few
+        )
         found = sorted((improved(term, ROUGH_STEPS) for term in timed), key=_order)
         for form in STARTS:  # the best of several starts goes on
             best = next((i for i, (_, one) in enumerate(found) if one.terms[0].form == form), None)
@@ -84,7 +87,7 @@ class Search:
         """The grid beside a fit, best first, with what stands out in the spectra of what that leaves."""
         ranked, start = rank(self.library, prepared_fit), prepared_fit.fit
         if start is not self.base:
-            further = of_spectra(self.problem, self.state, self.point, start.error)
+            further = that_stand_out(self.problem, self.state, self.point, start)
             ranked += rank(make_library(self.problem, self.state, further), prepared_fit)
         return sorted(ranked, key=lambda one: -one.merit)
 
@@ -93,7 +96,7 @@ class Search:
         reach = max(self.problem.durations) / FINE
         for _ in range(2):
             times = np.maximum(float(term.parameters["time"]) + reach * np.linspace(-1, 1, FINE), 0.0)
-            terms = [replace(term, parameters={"time": time}, used=()) for time in times]
+            terms = [replace(term, parameters={**term.parameters, "time": time}, used=()) for time in times]
             term = rank(make_library(self.problem, self.state, terms), prepared_fit)[0].term
             reach /= FINE / 2
         return term
@@ -127,7 +130,7 @@ class Search:
         described = fit_terms(problem, self.state, stand(start), (*chosen, *one.terms))
         gain = described.fit.log_likelihood - now.log_likelihood
         difference, stderr = compared(problem, described.fit.error, now.error)
-        if difference < thresholds.STEADY * stderr or merit_of(gain, numbers_of(one.terms[0])) < thresholds.LEAST_GAIN:
+        if difference < thresholds.STEADY * stderr or _merit(gain, one.terms[0]) < thresholds.LEAST_GAIN:
             return None
         if any(cancels(term, self.state) for term in described.terms):
             return None
@@ -179,6 +182,10 @@ def _order(found: tuple[float, Solved]) -> float:
 def numbers_of(term: Term) -> int:
     """Free numbers of a term."""
     return len(term.coefficients) + len(free_names(term)) + 3 * has_point(term)
+
+
+def _merit(gain: float, term: Term) -> float:
+    return merit_of(gain, numbers_of(term), times_of(term))
 
 
 def cancels(term: Term, state: State) -> bool:

@@ -32,7 +32,7 @@ def linear_of(sheet, seen, hold=1, seed=0):
 
 
 def judged(*arguments, **options):
-    return shown.judge(shown.in_blocks(linear_of(*arguments, **options), DTS), X, PRIOR)
+    return shown.judge(shown.in_blocks(linear_of(*arguments, **options), DTS), X, PRIOR, STATED[4:])
 
 
 def sheet_of(found):
@@ -70,11 +70,18 @@ def test_what_does_not_show_stays_and_the_rest_is_found():
     assert set(found.kept) == set(physical.NAMES[4:])
     sheet = sheet_of(found)
     np.testing.assert_allclose(sheet[:4], HEAVY[:4], atol=0.01)
-    np.testing.assert_allclose(sheet[4:] / sheet[0], STATED[4:] / STATED[0], atol=1e-8)
+    np.testing.assert_allclose(sheet[4:], STATED[4:], atol=1e-6)  # as identify writes it
     found = judged(HEAVY, np.r_[2.0, 2.0, 2.0, 1e-5, np.full(6, 1e-4)])
     assert "com_z" in found.kept
     np.testing.assert_allclose(sheet_of(found)[3], STATED[3], atol=1e-9)
     np.testing.assert_allclose(sheet_of(found)[0], HEAVY[0], atol=0.01)
+
+
+def test_the_stated_inertia_is_judged_as_it_would_be_written():
+    larger = STATED * np.r_[1.5, 1, 1, 1, np.full(6, 1.5)]  # for each kg it is as stated, and that is not written
+    found = judged(larger, np.full(10, 0.3))
+    assert found.inertia
+    assert found.gain[0] > 20
 
 
 def test_an_inertia_that_is_right_as_stated_is_left_alone():

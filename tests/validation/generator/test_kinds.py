@@ -10,7 +10,7 @@ from ftbias_jax.model.effects.catalogue import CATALOGUE
 pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 from validation.generator import recording
 from validation.generator.effects import catalogue, effect
-from validation.generator.kinds.plan import KINDS, chosen
+from validation.generator.kinds.plan import ALL_ALONG, KINDS, chosen
 from validation.generator.world import tool_path, wrench
 
 DRIVES = (
@@ -63,10 +63,11 @@ def unit(x):
 
 
 def test_every_drive_has_a_kind_that_is_seen_and_one_that_is_not():
-    assert sorted(kind.drive for kind in KINDS.values()) == sorted(2 * list(DRIVES))
+    assert sorted(kind.drive for kind in ALL_ALONG.values()) == sorted(2 * list(DRIVES))
     for which in ("seen", "unseen"):
         assert sorted(KINDS[name].drive for name in chosen(which)) == sorted(DRIVES)
-    assert set(chosen("all")) == set(KINDS)
+    assert set(chosen("all")) == set(ALL_ALONG)
+    assert set(chosen("events")) == set(KINDS) - set(ALL_ALONG)
 
 
 def test_no_kind_is_in_a_catalogue_and_its_words_are_known():
@@ -359,3 +360,37 @@ def test_noise_follows_the_load_or_the_time_and_never_falls_below_what_is_stated
                 assert (np.diff(scale[:, 0]) > 0).all()
             else:
                 assert set(np.round(scale[:, 0], 6)) == {1.0, round(float(np.sqrt(1 + 4 * p["growth"] ** 2)), 6)}
+
+
+@pytest.mark.parametrize("form", KINDS["gripped"].forms)
+def test_what_is_gripped_is_a_mass_at_its_point_while_it_is_held(scene, path, form):
+    p, one = made("gripped", form, scene)
+    weight = p["mass"] * (scene.belief.gravity - path.acceleration(np.array(p["point"])))
+    held, seen = reading_of(path, weight, p["point"]), pushed(one, scene)
+    times = np.array(p["at"])
+    away = np.abs(path.t[:, None] - times).min(1) > p["lift"]
+    carried = (path.t[:, None] > times).sum(1) % 2 == 1
+    np.testing.assert_allclose(seen[away & carried], held[away & carried], atol=1e-9)
+    assert not seen[away & ~carried].any()
+    assert (np.diff(times) > 0).all()
+
+
+@pytest.mark.parametrize("form", KINDS["switched"].forms)
+def test_what_is_switched_stays_in_the_tool_and_is_on_every_other_time(scene, path, form):
+    p, one = made("switched", form, scene)
+    seen = pushed(one, scene)
+    on = np.isclose(np.linalg.norm(seen, axis=1), np.linalg.norm(seen, axis=1).max(), atol=1e-9)
+    changed = path.t[1:][np.diff(on.astype(int)) != 0]
+    np.testing.assert_allclose(changed, p["at"], atol=2e-3)
+    assert np.ptp(seen[on], axis=0).max() < 1e-9
+    assert seen[:, :3].any() == (form == "force")
+
+
+def test_a_thicket_holds_back_near_its_middle_only(scene, path):
+    for form in KINDS["thicket"].forms:
+        p, one = made("thicket", form, scene)
+        force, v = in_base(path, pushed(one, scene)[:, :3]), path.velocity(np.array(p["point"]))
+        far = np.linalg.norm(path.points(np.array(p["point"])) - p["middle"], axis=1) > 2 * p["reach"]
+        assert ((force * v).sum(1) <= 1e-12).all()
+        assert np.abs(force[far]).max(initial=0.0) < 1e-6
+        assert np.abs(force).max() > 0.01

@@ -6,13 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from validation.generator.kinds.events import EVENTS
 from validation.generator.kinds.fields import FIELDS
 from validation.generator.kinds.gauges import GAUGES
 from validation.generator.kinds.moving import MOVING
 from validation.generator.kinds.slow import SLOW
 
-KINDS = {kind.name: kind for kind in (*FIELDS, *MOVING, *SLOW, *GAUGES)}
+ALL_ALONG = {kind.name: kind for kind in (*FIELDS, *MOVING, *SLOW, *GAUGES)}
 """Two for every drive of a description, one of them unseen until the end; no name is one of a catalogue."""
+KINDS = ALL_ALONG | {kind.name: kind for kind in EVENTS}
+"""With those that begin and end, or act in one place."""
 
 SMALLEST, LARGEST = 0.3, 10.0
 """Noise sigmas of gap; evenly spread on the scale of the logarithm."""
@@ -30,15 +33,17 @@ class Job:
 
 
 def chosen(which: str) -> list[str]:
-    """Names of the kinds that are "seen", "unseen" or "all"."""
-    return [name for name, kind in KINDS.items() if which == "all" or kind.unseen == (which == "unseen")]
+    """Names of the kinds that are "seen", "unseen", "all" of these, or "events"."""
+    if which == "events":
+        return [kind.name for kind in EVENTS]
+    return [name for name, kind in ALL_ALONG.items() if which == "all" or kind.unseen == (which == "unseen")]
 
 
 def make_plan(which: str, count: int, seed: int) -> list[Job]:
     """``count`` jobs: kinds and forms in turn, sizes evenly spread, all in random order.
 
     Args:
-        which: "seen", "unseen" or "all".
+        which: "seen", "unseen", "all" or "events".
         count: logs.
         seed: the same makes the same plan.
     """

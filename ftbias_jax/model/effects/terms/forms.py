@@ -15,13 +15,17 @@ from ftbias_jax.types import Array
 TAU = Parameter("time_constant", "s", 0.1, 1e5)
 LAG = Parameter("lag", "s", 0.0, 1e4)
 REFERENCE = Parameter("reference", "deg C", -100.0, 300.0)
-TIME = Parameter("time", "s", 0.0, 1e7)
+TIME = Parameter("time", "s", 0.0, 1e7, several=True)
+TAKES = Parameter("takes", "s", 0.0, 1.0)
 FREQUENCY = Parameter("frequency", "Hz", 1e-4, 1e4)
 SPEED = Parameter("speed", "m/s", 1e-3, 2.0)
+CREEP = 0.02
+"""m/s below which dry friction in one place gives way."""
 TURN = Parameter("speed", "rad/s", 1e-3, 5.0)
 PLACE = tuple(Parameter(axis, "m", -10.0, 10.0) for axis in "xyz")
 NORMAL = tuple(Parameter(axis, "1", -1.5, 1.5) for axis in "xyz")
 FIELD = (*PLACE, Parameter("power", "1", 0.2, 8.0), Parameter("core", "m", 0.0, 1.0))
+REGION = (*PLACE, Parameter("radius", "m", 0.005, 5.0), Parameter("edge", "m", 0.001, 2.0))
 PLANE = (*NORMAL, Parameter("offset", "m", -10, 10), Parameter("length", "m", 0.005, 5.0))
 SWING = (Parameter("frequency", "Hz", 0.05, 30.0), Parameter("damping_ratio", "1", 0.001, 0.95))
 
@@ -36,8 +40,20 @@ def _decay(xp: Any, s: State, p: Numbers) -> Array:
 
 
 def _step(xp: Any, s: State, p: Numbers) -> Array:
-    """1 from a time on."""
-    return (s.t >= p["time"])[:, None] * 1.0
+    """(T, 1) 1 from the first time to the second, from the third to the fourth and so on, in means of samples.
+
+    A change that takes some s is a straight line about its time.
+    """
+    times = xp.atleast_1d(p["time"])
+    length = (xp.where(s.counts > 1, s.counts * s.period, 0.0) + p.get("takes", 0.0))[:, None]
+    since = s.t[:, None] - times[None]
+    after = xp.where(length > 0, xp.clip(0.5 + since / xp.where(length > 0, length, 1.0), 0, 1), since >= 0)
+    return (after * (-1.0) ** xp.arange(len(times))[None]).sum(1, keepdims=True)
+
+
+def _payload(xp: Any, s: State, p: Numbers) -> Array:
+    """Weight and inertia of a unit mass at the point, while it is carried."""
+    return (_step(xp, s, p) * (s.gravity[None] - s.acceleration))[:, None]
 
 
 def _load_settling(xp: Any, s: State, p: Numbers) -> Array:
@@ -150,6 +166,15 @@ def _dry(field: str) -> Make:
     return make
 
 
+def _local(xp: Any, s: State, p: Numbers) -> Array:
+    """Against the velocity within a radius of a place, which ends softly over an edge: viscous, and dry."""
+    away = s.position - _vector(xp, p)[None]
+    distance = xp.sqrt((away**2).sum(1, keepdims=True) + 1e-12)
+    inside = 0.5 - 0.5 * xp.tanh((distance - p["radius"]) / p["edge"])
+    speed = xp.sqrt((s.velocity**2).sum(1, keepdims=True) + CREEP**2)
+    return xp.stack([-inside * s.velocity, -inside * s.velocity / speed], 1)
+
+
 def _gyroscopic(xp: Any, s: State, p: Numbers) -> Array:
     """omega x h of a momentum fixed in the tool, for each axis of the sensor: what the rotor does to the tool."""
     return -xp.cross(s.angular_velocity[:, None], xp.swapaxes(s.rotation, 1, 2))
@@ -212,6 +237,7 @@ FORMS = {
         Form("velocity", "quadratic", "vectors", "(m/s)^2", _along("velocity", 2)),
         Form("velocity", "cubic", "vectors", "(m/s)^3", _along("velocity", 3)),
         Form("velocity", "coulomb", "vectors", "1", _dry("velocity"), (SPEED,)),
+        Form("velocity", "local", "vectors", "m/s", _local, REGION, ("viscous", "dry")),
         Form("angular_velocity", "linear", "vectors", "rad/s", _along("angular_velocity")),
         Form("angular_velocity", "quadratic", "vectors", "(rad/s)^2", _along("angular_velocity", 2)),
         Form("angular_velocity", "coulomb", "vectors", "1", _dry("angular_velocity"), (TURN,)),
@@ -219,6 +245,7 @@ FORMS = {
         Form("acceleration", "linear", "vectors", "m/s^2", _along("acceleration")),
         Form("acceleration", "swing", "vectors", "m/s^2", _swinging, SWING, forgets=lambda p: swing_forgets(**p)),
         Form("acceleration", "trailing", "vectors", "m/s^2", _trailing, (LAG,), forgets=lambda p: p["lag"]),
+        Form("acceleration", "payload", "vectors", "m/s^2", _payload, (TIME, TAKES)),
         Form("acceleration", "turning", "vectors", "rad/s^2", _along("angular_acceleration")),
         Form("joint_angle", "linear", "scalars", "rad", lambda xp, s, p: s.q),
         Form("joint_angle", "cubic", "scalars", "rad", _cubic, (), ("q", "q2", "q3")),

@@ -10,7 +10,7 @@ import numpy as np
 from ftbias_jax.errors import FtbiasError, SetupError
 from ftbias_jax.model.effects.terms.columns import OF_JOINTS, count_columns, has_point
 from ftbias_jax.model.effects.terms.forms import DRIVES, FORMS
-from ftbias_jax.model.effects.terms.types import ACTS_AS, FRAMES, Term
+from ftbias_jax.model.effects.terms.types import ACTS_AS, FRAMES, Parameter, Term
 from ftbias_jax.setup.fields import nearest, show
 
 NAME = "term"
@@ -47,24 +47,30 @@ def _term(section: Mapping[str, Any], number: int, error: MakeError) -> Term:
             raise fail(key, message, nearest(str(value), allowed))
         return str(value)
 
-    def numbers(key: str, size: int) -> np.ndarray:
+    def numbers(key: str, size: int, several: bool = False) -> np.ndarray:
         value = np.asarray(section.get(key, np.nan))
-        if value.dtype.kind not in "iuf" or value.size != size or not np.isfinite(value).all():
+        right = value.size == size or (several and value.ndim == 1 and value.size > size)
+        if value.dtype.kind not in "iuf" or not right or not np.isfinite(value).all():
             message = f"got {show(section[key])}" if key in section else "missing key"
-            raise fail(key, message, f"give {size} number{'s' if size > 1 else ''}")
+            raise fail(key, message, f"give {size} number{'s' if size > 1 else ''}{' or more' if several else ''}")
         return value.astype(float).reshape(-1)
+
+    def parameter(own: Parameter) -> np.ndarray:
+        value = numbers(own.name, 1, own.several)
+        if not ((own.least <= value) & (value <= own.most)).all():
+            remedy = f"give {own.unit} from {own.least:g} to {own.most:g}"
+            raise fail(own.name, f"got {show(section[own.name])}", remedy)
+        if (np.diff(value) <= 0).any():
+            raise fail(own.name, f"got {show(section[own.name])}", "give ascending numbers")
+        return value if value.size > 1 else value[0]
 
     drive = choice("drive", DRIVES)
     form = FORMS[drive, choice("form", [name for own, name in FORMS if own == drive])]
-    known = (*FIXED, *(parameter.name for parameter in form.parameters))
+    known = (*FIXED, *(own.name for own in form.parameters))
     for key in section:
         if key not in known:
             raise fail(key, "unknown key", nearest(key, known))
-    parameters = {parameter.name: numbers(parameter.name, 1)[0] for parameter in form.parameters}
-    for parameter in form.parameters:
-        if not parameter.least <= parameters[parameter.name] <= parameter.most:
-            remedy = f"give {parameter.unit} from {parameter.least:g} to {parameter.most:g}"
-            raise fail(parameter.name, f"got {parameters[parameter.name]:g}", remedy)
+    parameters = {own.name: parameter(own) for own in form.parameters}
     joint = int(numbers("joint", 1)[0]) if "joint" in section else 0
     used = tuple(int(x) for x in np.ravel(section.get("columns", ())))
     term = Term(
@@ -91,7 +97,7 @@ def section_of(term: Term, text: str = "") -> dict[str, Any]:
     section: dict[str, Any] = {"text": text} if text else {}
     section |= {"drive": term.drive, "form": term.form, "frame": term.frame, "acts_as": term.acts_as}
     section |= {"joint": term.joint} if term.joint else {}
-    section |= {name: float(value) for name, value in term.parameters.items()}
+    section |= {name: np.asarray(value, float).tolist() for name, value in term.parameters.items()}
     section |= {"columns": list(term.used)} if term.used else {}
     section |= {"point": np.asarray(term.point, float).tolist()} if has_point(term) else {}
     return section | {"coefficients": np.asarray(term.coefficients, float).tolist()}

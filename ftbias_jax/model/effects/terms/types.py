@@ -62,6 +62,8 @@ class Parameter(NamedTuple):
     unit: str
     least: float
     most: float
+    several: bool = False
+    """Whether it may be a list of ascending numbers."""
 
 
 class Form(NamedTuple):
@@ -108,7 +110,7 @@ class Term:
     used: tuple[int, ...]
     """Columns of the form that the coefficients belong to; () = all, in order."""
     parameters: dict[str, Array]
-    """Numbers of the form in which it is not linear, such as a time constant, s."""
+    """Numbers of the form in which it is not linear, such as a time constant, s; (N,) where there may be several."""
     point: Array
     """(3,) m, sensor frame: where a force acts, and where the motion is taken."""
     coefficients: Array

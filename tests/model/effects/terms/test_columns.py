@@ -92,6 +92,42 @@ def test_a_load_that_is_not_linear_acts_on_its_own_channel(state):
     assert not found[:, 1:5].any()
 
 
+def test_what_is_switched_is_there_from_every_other_time_on(state):
+    times = np.array([0.3, 0.9, 1.7])
+    found = change(np, {"1": a_term("time", "step", "sensor", "wrench", 0, np.eye(6)[2], time=times)}, state)
+    on = [(t >= times).sum() % 2 for t in state.t]
+    np.testing.assert_allclose(found[:, 2], -np.array(on, float), atol=1e-12)
+    assert not found[:, [0, 1, 3, 4, 5]].any()
+
+
+def test_a_mean_of_samples_has_the_share_of_what_is_switched_in_its_middle(state):
+    of_ten = state._replace(counts=np.full(len(state.t), 10.0), period=np.array(1e-3))
+    single = np.mean([(state.t + late >= 0.5) for late in (np.arange(10) - 4.5) * 1e-3], 0)
+    term = a_term("time", "step", "sensor", "wrench", 0, np.eye(6)[0], time=np.array(0.5))
+    np.testing.assert_allclose(-change(np, {"1": term}, of_ten)[:, 0], single, atol=0.06)
+
+
+def test_a_load_that_is_carried_weighs_and_resists_at_its_point(state):
+    term = a_term("acceleration", "payload", coefficients=[0.4], time=np.array([0.5, 1.5]), takes=np.array(0.2))
+    found = change(np, {"1": term}, state)
+    moved = at_point(np, state, POINT)
+    for k, held in ((100, 0.0), (200, 0.5), (220, 0.75), (400, 1.0), (700, 0.0)):
+        force = state.rotation[k].T @ (held * 0.4 * (state.gravity - moved.acceleration[k]))
+        np.testing.assert_allclose(found[k], -np.concatenate([force, np.cross(POINT, force)]), atol=1e-9)
+
+
+def test_drag_in_one_place_ends_beyond_its_radius(state):
+    place = at_point(np, state, POINT).position
+    middle = dict(zip("xyz", map(np.asarray, place[400]), strict=True))
+    numbers = middle | {"radius": np.asarray(0.1), "edge": np.asarray(1e-3)}
+    found = change(np, {"1": a_term("velocity", "local", coefficients=[6.0, 0.0], **numbers)}, state)
+    everywhere = change(np, {"1": a_term("velocity", "linear", coefficients=[6.0])}, state)
+    distance = np.linalg.norm(place - place[400], axis=1)
+    assert 100 < (distance > 0.11).sum() < 700
+    np.testing.assert_allclose(found[distance < 0.09], everywhere[distance < 0.09], atol=1e-6)
+    assert np.abs(found[distance > 0.11]).max() < 1e-6
+
+
 def test_used_columns_are_those_that_are_named(state):
     whole = columns(np, a_term("position", "linear"), state)
     few = Term(**{**vars(a_term("position", "linear")), "used": (1, 5)})

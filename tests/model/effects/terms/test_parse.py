@@ -26,9 +26,23 @@ HEAT = {
 }
 
 
+LOAD = DRAG | {"drive": "acceleration", "form": "payload", "time": [3.0, 8.5], "takes": 0.05}
+
+
 def test_sections_are_read_and_written_back():
+    terms = parse_terms([DRAG, HEAT, LOAD, LOAD | {"time": 3.0}])
+    assert [section_of(term) for term in terms.values()] == [DRAG, HEAT, LOAD, LOAD | {"time": 3.0}]
+
+
+@pytest.mark.parametrize(("times", "words"), [([8.5, 3.0], "ascending"), ([-1.0, 3.0], "from 0"), ([], "1 number or")])
+def test_times_of_switching_are_checked(times, words):
+    with pytest.raises(SetupError, match=r"term\[1\]\.time") as caught:
+        parse_terms([LOAD | {"time": times}])
+    assert words in str(caught.value)
+
+
+def test_numbers_of_terms_have_names():
     terms = parse_terms([DRAG, HEAT])
-    assert [section_of(term) for term in terms.values()] == [DRAG, HEAT]
     assert flat_numbers(terms).keys() == {
         "1.coefficients",
         "1.point",

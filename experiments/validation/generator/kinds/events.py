@@ -1,0 +1,102 @@
+"""What begins and ends: forces that are switched, parts that are gripped, and drag in one place."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from validation.generator.arms import Floats
+from validation.generator.effects.effect import Draw, Scene
+from validation.generator.kinds.kind import Hooks, Kind, between, direction, near_com, pushed, times, twisted
+from validation.generator.world import ToolPath, tool_path
+
+
+def spells(form: str, draw: Draw, scene: Scene) -> Floats:
+    """(2 N,) s, when something goes on and off: some ten times in 45 s, 0.5 to 4 s each."""
+    count = max(int(draw.rng.integers(7, 12) * scene.duration / 45), 2)
+    lengths = draw.rng.uniform(0.5, min(4.0, 0.6 * scene.duration / count), count)
+    gaps = draw.rng.dirichlet(np.full(count + 1, 3.0)) * (scene.duration - lengths.sum())
+    starts = np.cumsum(gaps[:-1]) + np.concatenate([[0.0], np.cumsum(lengths[:-1])])
+    return np.stack([starts, starts + lengths], 1).ravel()
+
+
+def grips(form: str, draw: Draw, scene: Scene) -> Floats:
+    """(N,) s, when a part is gripped and put down in turn: gripped once for good, or picked and placed."""
+    if form == "once":
+        return draw.rng.uniform(0.25, 0.75, 1) * scene.duration
+    count = 2 * int(draw.rng.integers(1, 4))
+    share = draw.rng.dirichlet(np.full(count + 1, 4.0))
+    picked: Floats = np.cumsum(share[:-1]) * scene.duration
+    return picked
+
+
+def on(t: Floats, at: Floats, within: float = 1e-9) -> Floats:
+    """(T,) 1 where switched on an odd number of times; each time takes so many s, along a straight line."""
+    passed = np.clip((t[:, None] - at) / within + 0.5, 0, 1)
+    switched: Floats = passed @ (-1.0) ** np.arange(len(at))
+    return switched
+
+
+def switched(form: str, p: Any, scene: Scene) -> Hooks:
+    """A jet of air or a small motor on the tool: a force at a point, or a torque, fixed in the tool."""
+
+    def load(path: ToolPath) -> tuple[Floats, Floats]:
+        return p.force * on(path.t, p.at)[:, None] * (path.rotation @ p.axis), path.points(p.point)
+
+    def couple(path: ToolPath) -> Floats:
+        return 0.05 * p.force * on(path.t, p.at)[:, None] * (path.rotation @ p.axis)
+
+    return pushed(load) if form == "force" else twisted(couple)
+
+
+def gripped(form: str, p: Any, scene: Scene) -> Hooks:
+    """A part in the hand, kg at a point; the table gives its weight over, and takes it back, in a moment."""
+
+    def load(path: ToolPath) -> tuple[Floats, Floats]:
+        held = p.mass * on(path.t, p.at, p.lift)
+        return held[:, None] * (scene.belief.gravity - path.acceleration(p.point)), path.points(p.point)
+
+    return pushed(load)
+
+
+def thicket_drawn(form: str, draw: Draw, scene: Scene) -> dict[str, Any]:
+    """A place where a point of the tool comes by, and how far it reaches."""
+    point = near_com()(form, draw, scene)
+    path = tool_path(scene.world, scene.motion, scene.grid[::50]).points(point)
+    middle = path[int(draw.rng.integers(len(path)))]
+    reach = float(np.quantile(np.linalg.norm(path - middle, axis=1), 0.25))
+    return {"drag": 3.0 * draw.scale, "middle": middle, "reach": reach, "point": point}
+
+
+def thicket(form: str, p: Any, scene: Scene) -> Hooks:
+    """Resistance in one region of space: viscous, or dry with a soft edge."""
+
+    def load(path: ToolPath) -> tuple[Floats, Floats]:
+        at, v = path.points(p.point), path.velocity(p.point)
+        inside = np.exp(-((np.linalg.norm(at - p.middle, axis=1, keepdims=True) / p.reach) ** 4))
+        size = 1.0 if form == "viscous" else 0.3 / np.hypot(np.linalg.norm(v, axis=1, keepdims=True), 0.01)
+        return -p.drag * inside * size * v, at
+
+    return pushed(load)
+
+
+EVENTS = (
+    Kind(
+        *("switched", "time", "sensor", "wrench", ("force", "torque")),
+        {"force": times(1.0), "axis": direction, "point": near_com(0.08), "at": spells},
+        switched,
+    ),
+    Kind(
+        *("gripped", "acceleration", "base", "force", ("once", "pick_and_place")),
+        {"mass": times(0.1), "point": near_com(0.08), "at": grips, "lift": between(0.01, 0.15)},
+        gripped,
+        known=lambda form, p: {"kg": p.mass},
+    ),
+    Kind(
+        *("thicket", "velocity", "base", "force", ("viscous", "dry")),
+        thicket_drawn,
+        thicket,
+        brisk=True,
+    ),
+)

@@ -1,0 +1,201 @@
+"""What is switched on and off: the times at which that which a fit leaves changes its level, by exact segmentation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.regression.evaluate import measured, readings
+from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.diagnosis.samples.bins import sum_of_bins
+from ftbias_jax.model.effects.terms.types import State
+
+COARSE = 1024
+"""Stretches of a log between which its level may change: the work grows with their square."""
+PRICE = 4.0
+"""Times the logarithm of the number of stretches, a change and channel: four times that of BIC, because drift and
+motion change the level, too; ``alternating`` tells what is switched."""
+SHARES = (0.3, 0.6)
+"""Of the largest change, from which on a change is one of what is switched."""
+MOST_TIMES = 60
+"""Changes of one log."""
+REACH = 2
+"""Stretches on either side of a change in which its time is looked for."""
+ROUNDS = 2
+"""Of looking for changes, and for the bias beside them."""
+
+
+class _Seen(NamedTuple):
+    """What a fit leaves as something that may be switched sees it; its strength does not change while it is on."""
+
+    name: str
+    """"sensor", "force" or "torque" (of the base), or "payload"."""
+    suggests: tuple[str, ...]
+    """What else may have the same times."""
+    axes: np.ndarray
+    """(U, C, k) what a unit of each of its k numbers adds to C channels of the reading."""
+    left: np.ndarray
+    """(U, C)."""
+    weight: np.ndarray
+    """(U, C) one over the variance; 0 = not measured."""
+
+
+def switches(problem: Problem, state: State, fit: Fit) -> Iterator[tuple[str, np.ndarray]]:
+    """(name of what is switched, times (N,) s at which it goes on and off in turn), as what a fit leaves suggests them.
+
+    Only of single logs: in another one the times are others.
+    """
+    if len(problem.parts) > 1:
+        return
+    known = problem.samples > 0
+    left = np.where(known, measured(problem) - readings(problem, fit.z[None])[0], 0.0)
+    told: set[tuple[str, tuple[float, ...]]] = set()
+    for seen in _ways(state, left, np.where(known, 1 / problem.variance, 0.0)):
+        for times in _suggested(state, seen):
+            for name in (seen.name, *seen.suggests):
+                # A constant force of the sensor is like a bias: only for others it matters what is on at first.
+                for own in [times] if name == "sensor" else [times, _inverted(times)]:
+                    if 0 < len(own) <= MOST_TIMES and (name, tuple(own)) not in told:
+                        told.add((name, tuple(own)))
+                        yield name, own
+
+
+def _inverted(times: np.ndarray) -> np.ndarray:
+    """Times (N,) s of what is on when the other one is off."""
+    return times[1:] if times[0] == 0 else np.concatenate([[0.0], times])
+
+
+def _ways(state: State, left: np.ndarray, weight: np.ndarray) -> Iterator[_Seen]:
+    """All ways to see what is left of the reading (U, 6), with one over its variance (U, 6)."""
+    forces, torques = slice(0, 3), slice(3, 6)
+    to_sensor = state.rotation.transpose(0, 2, 1)
+    pull = to_sensor @ (state.gravity - state.acceleration)[:, :, None]
+    yield _Seen("sensor", ("force", "torque", "payload"), np.broadcast_to(np.eye(6), (len(left), 6, 6)), left, weight)
+    yield _Seen("force", ("payload",), to_sensor, left[:, forces], weight[:, forces])
+    yield _Seen("torque", (), to_sensor, left[:, torques], weight[:, torques])
+    yield _Seen("payload", ("force",), pull, left[:, forces], weight[:, forces])
+
+
+def _suggested(state: State, seen: _Seen) -> Iterator[np.ndarray]:
+    """Times (N,) s at which something is switched."""
+    stretch = np.unique((state.t / (state.t[-1] + 1e-9) * COARSE).astype(int), return_inverse=True)[1]
+    edges = np.searchsorted(stretch, np.arange(stretch[-1] + 2))
+    square = np.einsum("tc,tck->tk", seen.weight, seen.axes**2)
+    bias = (seen.weight * seen.left).sum(0) / np.maximum(seen.weight.sum(0), 1e-300)
+    for share in SHARES:
+        found = np.zeros(0)
+        for _ in range(ROUNDS):
+            along = np.einsum("tc,tck->tk", seen.weight * (seen.left - bias), seen.axes)
+            level = sum_of_bins(stretch, along) / np.maximum(sum_of_bins(stretch, square), 1e-300)
+            rows = _switched_at(level, sum_of_bins(stretch, square), share)
+            if not len(rows):
+                break
+            found = np.array([_refined(along, square, edges, rows, k) for k in range(len(rows))])
+            bias = _bias_beside(seen, found)
+        if len(found):
+            yield _times_of(state, found)
+
+
+def _switched_at(x: np.ndarray, weight: np.ndarray, share: float) -> np.ndarray:
+    """(M,) rows of series (N, k) before which it changes along one direction, up and down in turn."""
+    cuts = changes(x, weight * _whiteness(x, weight))
+    if not len(cuts):
+        return cuts
+    levels = [_mean(x, weight, a, b) for a, b in zip([0, *cuts], [*cuts, len(x)], strict=True)]
+    jumps = np.diff(levels, axis=0) * np.sqrt(np.median(weight, 0))
+    along = jumps @ np.linalg.svd(jumps, full_matrices=False)[2][0]
+    switched: np.ndarray = cuts[alternating(along, share * np.abs(along).max())]
+    return switched
+
+
+def changes(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(K,) rows before which the level of series changes: piecewise constant, by penalised least squares.
+
+    Exact by dynamic programming, pruned as PELT does it (Killick, Fearnhead and Eckley, 2012).
+
+    Args:
+        x: (N, C).
+        weight: (N, C) one over the variance; 0 = not measured.
+    """
+    n, price = len(x), PRICE * np.log(max(len(x), 2)) * x.shape[1]
+    sums = [np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(y, 0)]) for y in (weight, weight * x, weight * x**2)]
+    best, last = np.full(n + 1, -price), np.zeros(n + 1, int)
+    starts = np.array([0])
+    for end in range(1, n + 1):
+        total, first, second = (s[end] - s[starts] for s in sums)
+        cost = (second - first**2 / np.maximum(total, 1e-300)).sum(1) + best[starts]
+        k = int(cost.argmin())
+        best[end], last[end] = cost[k] + price, starts[k]
+        starts = np.append(starts[cost <= best[end]], end)
+    cuts, end = list[int](), n
+    while (end := int(last[end])) > 0:
+        cuts.append(end)
+    return np.array(cuts[::-1], int)
+
+
+def alternating(along: np.ndarray, least: float) -> np.ndarray:
+    """(M,) which changes of (K,) are large and go up and down in turn; the largest of several in one direction."""
+    kept: list[int] = []
+    for k in np.flatnonzero(np.abs(along) >= least):
+        if not kept or along[k] * along[kept[-1]] < 0:
+            kept.append(int(k))
+        elif abs(along[k]) > abs(along[kept[-1]]):
+            kept[-1] = int(k)
+    return np.array(kept, int)
+
+
+def _whiteness(x: np.ndarray, weight: np.ndarray) -> float:
+    """The stated variance per what a series scatters from one row to the next, where that is more."""
+    variance = 1 / np.maximum(weight, 1e-300)
+    scatter = np.median(np.abs(np.diff(x, axis=0)) / np.sqrt(variance[1:] + variance[:-1])) / 0.6745
+    return float(1 / max(scatter, 1.0) ** 2)
+
+
+def _mean(x: np.ndarray, weight: np.ndarray, first: int, end: int) -> np.ndarray:
+    level: np.ndarray = (weight * x)[first:end].sum(0) / np.maximum(weight[first:end].sum(0), 1e-300)
+    return level
+
+
+def _refined(along: np.ndarray, square: np.ndarray, edges: np.ndarray, rows: np.ndarray, k: int) -> float:
+    """The bin, with a fraction, in which the k-th change happens: by how much of either level is near it.
+
+    Args:
+        along: (U, n) weighted products of what is left with the axes.
+        square: (U, n) weights of their levels.
+        edges: (N + 1,) first bins of the stretches.
+        rows: (M,) stretches before which the level changes.
+        k: which of these.
+    """
+    around = np.concatenate([[0], rows, [len(edges) - 1]])[k : k + 3]
+    first, end = (edges[np.clip(rows[k] + by, around[0], around[2])] for by in (-REACH, REACH))
+    x = along / np.maximum(square, 1e-300)
+    before = _mean(x, square, edges[around[0]], max(first, edges[around[0]] + 1))
+    jump = _mean(x, square, min(end, edges[around[2]] - 1), edges[around[2]]) - before
+    near = slice(first, end)
+    size = np.maximum((square[near] * jump**2).sum(1), 1e-300)
+    passed = (square[near] * jump * (x[near] - before)).sum(1) / size
+    return float(np.clip(end - passed.sum(), first, end))
+
+
+def _bias_beside(seen: _Seen, at: np.ndarray) -> np.ndarray:
+    """(C,) N, Nm: the bias beside what is switched at bins (M,), by least squares."""
+    gate: np.ndarray = np.searchsorted(at, np.arange(len(seen.left)), side="right") % 2
+    count = seen.left.shape[1]
+    columns = np.concatenate(
+        [np.broadcast_to(np.eye(count), (len(gate), count, count)), gate[:, None, None] * seen.axes], 2
+    )
+    root = np.sqrt(seen.weight)
+    flat = (root[:, :, None] * columns).reshape(-1, columns.shape[2])
+    found: np.ndarray = np.linalg.lstsq(flat, (root * seen.left).ravel(), rcond=1e-9)[0]
+    return found[:count]
+
+
+def _times_of(state: State, bins: np.ndarray) -> np.ndarray:
+    """(M,) s at which bins, with fractions, begin: means of samples are in the middle of theirs."""
+    half = float(np.median(np.diff(state.t))) / 2
+    edges = np.append(state.t - half, state.t[-1] + half)
+    times: np.ndarray = np.maximum(np.interp(bins, np.arange(len(edges)), edges), 0.0)
+    return times
