@@ -139,15 +139,16 @@ def draws_of(diagnosis, setup, seed):
 
 
 @partial(jax.jit, static_argnames="memory")
-def read(sensor, wrench, dq, key, memory):
+def read(sensor, t, wrench, dq, key, memory):
     """(T, 6) what a sensor model reads of a felt wrench (T, 6), with fresh bias, drift and noise."""
     state = sensor.start(wrench[0], sensor.draw(key), memory=memory)
 
     def step(state, sample):
-        load, speed, key = sample
-        return sensor.step(state, load, 1 / RATE, sensor.draw(key), dq=speed)
+        dt, load, speed, key = sample
+        return sensor.step(state, load, dt, sensor.draw(key), dq=speed)
 
-    return jax.lax.scan(step, state, (wrench, dq, jax.random.split(key, len(wrench))))[1]
+    dt = jax.numpy.diff(t, prepend=2 * t[0] - t[1])
+    return jax.lax.scan(step, state, (dt, wrench, dq, jax.random.split(key, len(t))))[1]
 
 
 def readings(drawn, user, log, states, folder):
@@ -157,7 +158,7 @@ def readings(drawn, user, log, states, folder):
             mend_mjcf(one, user, str(folder / "drawn.xml")).files[str(folder / "drawn.xml")]
         )
         felt, sensor = replay(load_mjcf(folder / "drawn.xml"), log.t, states), ft.sensor_model(one)
-        yield np.asarray(read(sensor, felt, states[:, :, 1], jax.random.key(i), sensor.memory(1 / RATE)))
+        yield np.asarray(read(sensor, log.t, felt, states[:, :, 1], jax.random.key(i), sensor.memory(1 / RATE)))
 
 
 def covered(log, simulated):
