@@ -153,6 +153,7 @@ def _of_places(state: State) -> Iterator[Term]:
             walls = [normal | {"offset": offset, "length": 0.03 * width} for offset in offsets]
             wide = normal | {"offset": offsets[-1], "length": width / 3}
             yield from _terms("position", "barrier", (FORCE,), [*walls, wide])
+            yield from _terms("position", "surface", (FORCE,), [*walls, wide])
 
 
 def _vector(numbers: Iterable[float]) -> dict[str, float]:

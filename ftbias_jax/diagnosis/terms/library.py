@@ -30,6 +30,7 @@ ROUNDS = 6
 AT_ONE_POINT = (
     ("position", "attraction"),
     ("position", "quadratic"),
+    ("position", "surface"),
     ("velocity", "local"),
     ("time", "step"),
     ("time", "wave"),

@@ -116,6 +116,10 @@ FORM_WORDS = {
     ("position", "attraction"): "towards the place ({x:.2f}, {y:.2f}, {z:.2f}) m, falling with power {power:.2g} of "
     "the distance (coefficient: at 0.5 m)",
     ("position", "barrier"): "that grows beyond a plane at {offset:.3g} m along ({x:.2f}, {y:.2f}, {z:.2f})",
+    (
+        "position",
+        "surface",
+    ): "of a surface at {offset:.3g} m along ({x:.2f}, {y:.2f}, {z:.2f}) that the tool is pressed on and slides over",
     ("position", "linear"): "that depends on the place linearly",
     ("position", "quadratic"): "that depends on the place",
     ("orientation", "linear"): "that depends on the direction of gravity",
@@ -171,6 +175,7 @@ LIKE = {
     ("position", "spring"): "a hose or bungee",
     ("position", "attraction"): "a magnet",
     ("position", "barrier"): "a brush or wall",
+    ("position", "surface"): "a table or workpiece",
     ("acceleration", "swing"): "sloshing",
     ("acceleration", "payload"): "a part that is gripped",
     ("time", "step"): "a jet of air, a motor or a magnet that is switched",

@@ -22,7 +22,7 @@ from ftbias_jax.diagnosis.terms.library import Library, Ranked, make_library, me
 from ftbias_jax.model.effects.terms.columns import columns, has_point, state_of
 from ftbias_jax.model.effects.terms.types import State, Term
 
-STARTS = {"attraction": 5, "barrier": 2, "local": 3}
+STARTS = {"attraction": 5, "barrier": 2, "surface": 2, "local": 3}
 """Points of the grid from which forms with several maxima are fitted."""
 FINE = 13
 """Times tried at every refinement of one, of which two are made."""

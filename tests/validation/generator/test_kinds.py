@@ -394,3 +394,16 @@ def test_a_thicket_holds_back_near_its_middle_only(scene, path):
         assert ((force * v).sum(1) <= 1e-12).all()
         assert np.abs(force[far]).max(initial=0.0) < 1e-6
         assert np.abs(force).max() > 0.01
+
+
+def test_a_bench_pushes_out_along_its_normal_and_holds_back_along_itself(scene, path):
+    for form in KINDS["bench"].forms:
+        p, one = made("bench", form, scene)
+        normal, at = np.array(p["normal"]), path.points(np.array(p["point"]))
+        force, v = in_base(path, pushed(one, scene)[:, :3]), path.velocity(np.array(p["point"]))
+        depth, out = at @ normal - p["offset"], force @ normal
+        assert np.abs(force[depth < 0]).max() < 1e-9
+        assert (out[depth > 1e-6] < 0).all()
+        along = force - out[:, None] * normal
+        assert ((along * v).sum(1) <= 1e-9).all()
+        assert np.linalg.norm(along, axis=1).max() <= p["friction"] * np.abs(out).max() + 1e-9

@@ -81,6 +81,30 @@ def thicket(form: str, p: Any, scene: Scene) -> Hooks:
     return pushed(load)
 
 
+def bench_drawn(form: str, draw: Draw, scene: Scene) -> dict[str, Any]:
+    """A plane that a point of the tool is beyond for a fifth to a third of the time, and how it is made."""
+    point = near_com()(form, draw, scene)
+    path = tool_path(scene.world, scene.motion, scene.grid[::50]).points(point)
+    normal = draw.direction()
+    offset = float(np.quantile(path @ normal, draw.rng.uniform(0.65, 0.8)))
+    friction = float(draw.rng.uniform(0.1, 0.5))
+    return {"stiffness": 30.0 * draw.scale, "friction": friction, "normal": normal, "offset": offset, "point": point}
+
+
+def bench(form: str, p: Any, scene: Scene) -> Hooks:
+    """A soft surface that is pressed and slid over: a spring, or one that stiffens; friction against the sliding."""
+
+    def load(path: ToolPath) -> tuple[Floats, Floats]:
+        at, v = path.points(p.point), path.velocity(p.point)
+        depth = np.maximum(at @ p.normal - p.offset, 0.0)[:, None]
+        pressed = p.stiffness * (depth if form == "spring" else 3 * depth**1.5)
+        along = v - (v @ p.normal)[:, None] * p.normal
+        slip = along / np.hypot(np.linalg.norm(along, axis=1, keepdims=True), 0.01)
+        return -pressed * (p.normal + p.friction * slip), at
+
+    return pushed(load)
+
+
 EVENTS = (
     Kind(
         *("switched", "time", "sensor", "wrench", ("force", "torque")),
@@ -98,5 +122,11 @@ EVENTS = (
         thicket_drawn,
         thicket,
         brisk=True,
+    ),
+    Kind(
+        *("bench", "position", "base", "force", ("spring", "stiffening")),
+        bench_drawn,
+        bench,
+        twins=("contact",),
     ),
 )

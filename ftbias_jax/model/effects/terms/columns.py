@@ -59,7 +59,7 @@ def vectors_of(xp: Any, term: Term, state: State) -> Array:
 def _series(xp: Any, term: Term, state: State) -> Array:
     """The series of the form, at the point of the term and of its joint."""
     moves = term.drive in MOVED and has_point(term)
-    seen = at_point(xp, state, term.point, (term.drive, "position")) if moves else state
+    seen = at_point(xp, state, term.point, ("position", "velocity", term.drive)) if moves else state
     if term.joint and term.drive in OF_JOINTS:
         own = slice(term.joint - 1, term.joint)
         seen = seen._replace(q=seen.q[:, own], dq=seen.dq[:, own])

@@ -128,6 +128,16 @@ def _barrier(xp: Any, s: State, p: Numbers) -> Array:
     return xp.logaddexp(0.0, beyond / p["length"])[:, None] * p["length"]
 
 
+def _surface(xp: Any, s: State, p: Numbers) -> Array:
+    """A plane that is pressed on: back along its normal with the depth, and friction in proportion against sliding."""
+    normal = _vector(xp, p)
+    normal = normal / xp.sqrt(normal @ normal + 1e-12)
+    depth = _barrier(xp, s, p)
+    along = s.velocity - (s.velocity @ normal)[:, None] * normal[None]
+    speed = xp.sqrt((along**2).sum(1, keepdims=True) + CREEP**2)
+    return xp.stack([-depth * normal[None], -depth * along / speed], 1)
+
+
 def _place_squared(xp: Any, s: State, p: Numbers) -> Array:
     x, y, z = s.position.T
     return xp.stack([x, y, z, x * x, y * y, z * z, x * y, x * z, y * z], 1)
@@ -228,6 +238,7 @@ FORMS = {
         Form("position", "spring", "vectors", "m", _spring, (), ("stiffness", *XYZ)),
         Form("position", "attraction", "vectors", "1", _attraction, FIELD),
         Form("position", "barrier", "scalars", "m", _barrier, PLANE),
+        Form("position", "surface", "vectors", "m", _surface, PLANE, ("pressed", "sliding")),
         Form("position", "linear", "scalars", "m", lambda xp, s, p: s.position, (), XYZ),
         Form("position", "quadratic", "scalars", "m", _place_squared, (), (*XYZ, "xx", "yy", "zz", "xy", "xz", "yz")),
         Form("orientation", "linear", "scalars", "1", lambda xp, s, p: _seen(xp, s, s.gravity), (), XYZ),

@@ -128,6 +128,20 @@ def test_drag_in_one_place_ends_beyond_its_radius(state):
     assert np.abs(found[distance > 0.11]).max() < 1e-6
 
 
+def test_a_surface_pushes_back_by_its_depth_and_resists_sliding_along_it(state):
+    moved = at_point(np, state, POINT)
+    normal = np.array([0.6, 0.0, 0.8])
+    offset = float(np.median(moved.position @ normal))
+    plane = dict(zip("xyz", map(np.asarray, normal), strict=True)) | {"offset": offset, "length": 1e-3}
+    found = change(np, {"1": a_term("position", "surface", coefficients=[200.0, 60.0], **plane)}, state)
+    depth = moved.position @ normal - offset
+    for k in np.argsort(depth)[[0, 100, 700, 800]]:
+        along = moved.velocity[k] - (moved.velocity[k] @ normal) * normal
+        pressed = max(depth[k], 0.0)
+        force = -pressed * (200.0 * normal + 60.0 * along / np.hypot(np.linalg.norm(along), 0.02))
+        np.testing.assert_allclose(found[k, :3], -state.rotation[k].T @ force, atol=0.2)
+
+
 def test_used_columns_are_those_that_are_named(state):
     whole = columns(np, a_term("position", "linear"), state)
     few = Term(**{**vars(a_term("position", "linear")), "used": (1, 5)})
