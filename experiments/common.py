@@ -59,10 +59,10 @@ def simulate_logs(seed, count, params, trajectories):
     return truth, Sample(dt, truth.q, truth.dq, truth.wrench)
 
 
-def keep(script, result, figure=None):
+def keep(script, result, figure=None, name="result"):
     """result.json, with the versions it was made by, and result.png if there is a figure, beside the script."""
     folder = Path(script).parent
-    (folder / "result.json").write_text(json.dumps({"versions": versions(), "result": result}, indent=1) + "\n")
+    (folder / f"{name}.json").write_text(json.dumps({"versions": versions(), "result": result}, indent=1) + "\n")
     if figure is not None:
         figure.savefig(folder / "result.png", dpi=110)
 

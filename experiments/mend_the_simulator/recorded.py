@@ -17,6 +17,7 @@ from cases import abb, folder, panda
 from run import covered, draws_of, read
 
 import ftbias_jax as ft
+from ftbias_jax.filtering.method.ready import filtered_with
 from ftbias_jax.simulators.mended import OF_THE_ROBOT
 
 EPISODE = 8.0
@@ -43,8 +44,9 @@ def readings(drawn, log, episodes):
 
 
 def judged(setup, first, second):
-    """Identified on one log, with the bias at its end, diagnosed there, and judged on another."""
+    """Identified on one log, with its bias and the noise that it shows, diagnosed there, and judged on another."""
     setup = ft.identify_tool(setup, first, bias=True).setup
+    setup = ft.setup_with(setup, filtered_with(setup, first)[1])
     diagnosis = ft.diagnose(setup, [first])
     starts = np.searchsorted(second.t, np.arange(0, second.t[-1] - EPISODE, EPISODE))
     length = int(EPISODE / np.median(np.diff(second.t)))

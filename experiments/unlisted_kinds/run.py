@@ -41,4 +41,4 @@ if __name__ == "__main__":
         result = run(asked.folder or Path(temporary), asked.kinds, asked.count, asked.seed, asked.jobs)
     from common import keep  # sets flags of JAX, which the diagnosis is to choose itself
 
-    keep(__file__, result)
+    keep(__file__, result, name="events" if asked.kinds == "events" else "result")

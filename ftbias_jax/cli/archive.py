@@ -137,7 +137,7 @@ def for_each_log(
         waiting = [task for task in tasks if task.output in sizes]
         manifest.add("run", {"settings": settings.key, "logs": len(tasks), "waiting": len(waiting)})
         progress, done = Progress(f"{VERBS[settings.job]} {len(waiting)} logs", sum(sizes.values())), 0
-        for entry in run_tasks(job, waiting, arguments.jobs):
+        for entry in run_tasks(job, waiting, arguments.jobs, arguments.executor):
             manifest.add_entry(entry)
             entries[entry.output], done = entry, done + sizes[entry.output]
             progress(done)
@@ -189,16 +189,30 @@ def _check_replaceable(folder: str, outputs: Iterable[str], answer: str) -> None
             check_replaceable(path, kind)
 
 
-def run_tasks(job: Job, tasks: Iterable[Task], jobs: int) -> Iterator[Entry]:
-    """Entries as they get ready, from this process (``jobs`` = 1) or from so many at a time."""
+def run_tasks(job: Job, tasks: Iterable[Task], jobs: int, executor: str | None = None) -> Iterator[Entry]:
+    """Entries as they get ready, from this process (``jobs`` = 1), from so many, or from the workers of a cluster."""
+    work = partial(do_task, job=job)
+    for task, entry in _with_cluster(executor, work, tasks, jobs) if executor else _here(work, tasks, jobs):
+        killed = printable(f"{shown(task.log)}: {KILLED}")
+        yield entry or _entry(task, job)._replace(error=killed, done=round(time.time(), 3))
+
+
+def _here(work: Callable[[Task], Entry], tasks: Iterable[Task], jobs: int) -> Iterator[tuple[Task, Entry | None]]:
     from ftbias_jax.runtime.jax_config import prepare_jax
     from ftbias_jax.runtime.processes import run_each
 
     if jobs == 1:
         prepare_jax()
-    for task, entry in run_each(partial(do_task, job=job), tasks, jobs):
-        killed = printable(f"{shown(task.log)}: {KILLED}")
-        yield entry or _entry(task, job)._replace(error=killed, done=round(time.time(), 3))
+    yield from run_each(work, tasks, jobs)
+
+
+def _with_cluster(
+    name: str, work: Callable[[Task], Entry], tasks: Iterable[Task], jobs: int
+) -> Iterator[tuple[Task, Entry | None]]:
+    from ftbias_jax.runtime.executors import IN_FLIGHT, executor_of, run_with
+
+    with executor_of(name) as executor:
+        yield from run_with(executor, work, tasks, jobs if jobs > 1 else IN_FLIGHT)
 
 
 def do_task(task: Task, job: Job) -> Entry:

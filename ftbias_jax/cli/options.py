@@ -175,6 +175,7 @@ OWN_EFFECTS = option(
 FOLDER = (
     option("--jobs", "N", "logs at a time (%(default)s)", type=count, default=1),
     option("--shard", "I/N", "work on the I-th of N shares only, 1/N to N/N", type=shard, default=(1, 1)),
+    option("--executor", "NAME", "workers of a cluster do the logs: dask:tcp://HOST:PORT, ray or ray:ADDRESS"),
     flag("--verify", "read results that are done, and make those again that have changed"),
 )
 """Of commands that work on many logs into a folder."""

@@ -24,11 +24,11 @@ from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, together
 from ftbias_jax.diagnosis.terms.describe import describe
 from ftbias_jax.diagnosis.terms.found import found_terms
-from ftbias_jax.diagnosis.terms.grid import fast_lines
 from ftbias_jax.diagnosis.terms.noise import louder, noise_term
-from ftbias_jax.diagnosis.terms.select import state_of_problem
+from ftbias_jax.diagnosis.terms.select import is_all_carried, state_of_problem
+from ftbias_jax.diagnosis.terms.spectra import fast_lines
 from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
-from ftbias_jax.diagnosis.tool_first import search_causes
+from ftbias_jax.diagnosis.tool_first import Searched, search_causes
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering.quality.at_rest import rest_in_words, weight_in_bias
 from ftbias_jax.io.cleaning import clean, slices, survey, without_long_pauses
@@ -105,7 +105,10 @@ def diagnose(
         problem, samples = make_problem(with_tool, logs)
     problem, base, found, loud = _examined(problem, logs, samples, without)
     hold_out = Judge(problem)
-    searched = search_causes(setup, problem, base, hold_out, {*without, *not_shown(setup)}, progress)
+    if TERM not in without and is_all_carried(problem, base):
+        searched = Searched(base, base, [])
+    else:
+        searched = search_causes(setup, problem, base, hold_out, {*without, *not_shown(setup)}, progress)
     before, after = (hold_out(one, base.error) for one in (base, searched.accepted))
     gap = measure_gap(problem, before, after)
     answer = Answer(problem, hold_out, base, found, *searched, before, after, gap, gap.before_sigmas**2 - 1)

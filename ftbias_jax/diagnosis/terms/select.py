@@ -17,7 +17,7 @@ from ftbias_jax.diagnosis.regression.score_test import PreparedFit, stand
 from ftbias_jax.diagnosis.samples.bins import fill_up
 from ftbias_jax.diagnosis.search import gap_of
 from ftbias_jax.diagnosis.terms.fit_terms import Described, Solved, fit_terms, improve
-from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, that_stand_out
+from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, of_switches, that_stand_out
 from ftbias_jax.diagnosis.terms.library import Library, Ranked, make_library, merit_of, rank, times_of
 from ftbias_jax.model.effects.terms.columns import columns, has_point, state_of
 from ftbias_jax.model.effects.terms.types import State, Term
@@ -156,6 +156,24 @@ class Search:
             if term.drive != drive and close:
                 rivals.setdefault(term.drive, term)
         return tuple(rivals.values())
+
+
+def is_all_carried(problem: Problem, base: Fit) -> bool:
+    """Whether a load that is taken up in the middle of a log closes the gap by itself: then nothing else is looked for.
+
+    Nothing that acts all along does, and a search for effects of any shape would take the longest of all.
+    """
+    enough = max(thresholds.LEAST_SIGMAS**2, thresholds.LEAST_SHARE_OF_GAP * gap_of(problem, base))
+    if gap_of(problem, base) <= enough:
+        return False
+    state = state_of_problem(problem, base)
+    terms = [
+        term for term in of_switches(problem, state, base) if term.form == "payload" and np.min(term.parameters["time"])
+    ]
+    prepared_fit = stand(base)
+    best = [one.term for one in rank(make_library(problem, state, terms), prepared_fit)[:1]]
+    fits = [improve(problem, state, prepared_fit, (term,)) for term in best]
+    return any(gap_of(problem, base._replace(error=one.error)) <= enough for one in fits)
 
 
 def state_of_problem(problem: Problem, fit: Fit) -> State:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypedDict, Unpack, overload
 
 from ftbias_jax.check.check_setup import check_parts, check_setup
 from ftbias_jax.check.result import Check
-from ftbias_jax.errors import FtbiasError, UsageError
+from ftbias_jax.errors import FtbiasError, LogError, UsageError
 from ftbias_jax.filtering.method.ready import ready_to_filter
 from ftbias_jax.filtering.noise.log_noise import remarks_of_noise
 from ftbias_jax.filtering.quality import contacts, observability, summary
@@ -25,6 +27,7 @@ from ftbias_jax.io.parts import OpenLog
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.io.write.selection import About
 from ftbias_jax.model.effects.types import Effect
+from ftbias_jax.runtime.executors import run_with
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.types import Setup
 
@@ -33,6 +36,7 @@ def _nobody(done: int) -> None:
     """Progress that nobody wants to know."""
 
 
+LOST = "its workers were lost again and again: too little memory?"
 Source = Log | str | os.PathLike[str]
 """A log, or the path of one."""
 
@@ -46,6 +50,7 @@ class Choices(TypedDict, total=False):
     fields: Sequence[str]
     progress: Callable[[int], None]
     effects: Sequence[Effect]
+    executor: Executor | None
 
 
 @overload  # a path is a sequence of letters, too
@@ -63,6 +68,7 @@ def filter_log(
     fields: Sequence[str] = (),
     progress: Callable[[int], None] = _nobody,
     effects: Sequence[Effect] = (),
+    executor: Executor | None = None,
 ) -> FilterResult | FilterResults:
     """Bias, drift and corrected wrench of a log or of many logs, each from the wrench samples before it.
 
@@ -83,6 +89,8 @@ def filter_log(
             which takes 0.8 kB a sample. ``summary`` and all else of the result are worked out from the whole.
         progress: called with the number of samples done so far, of all logs.
         effects: of your own that the setup states.
+        executor: of many logs: its workers filter them, by ``concurrent.futures``, Dask's ``Client.get_executor()``,
+            ``mpi4py.futures`` or ``loky``. They read paths themselves; what is sent to them can be pickled.
 
     Returns:
         arrays at the stamps of the wrench; ``print`` shows what ``ftbias filter`` prints. Of many logs a sequence of
@@ -96,28 +104,47 @@ def filter_log(
     setup, done = setup.with_effects(effects), 0
     setup = replace(setup, bias=replace(setup.bias, adapt=False)) if as_stated else setup
 
-    def one(source: Source) -> FilterResult:
-        nonlocal done
-        log, before = source if isinstance(source, Log) else read_log(source, setup), done
-        result = filter_with_setup(
-            setup, log, smooth=smooth, unchecked=unchecked, progress=lambda samples: progress(before + samples)
-        )
-        done = before + len(result.t)
-        return only(replace(result, repairs=(*map(Repair, result.checked.lines()), *result.repairs)), fields)
-
+    work = partial(_filtered, setup=setup, smooth=smooth, unchecked=unchecked, fields=fields)
     if isinstance(log, Log | str | os.PathLike):
-        return one(log)
-    results: list[FilterResult | None] = []
-    errors: dict[int, FtbiasError] = {}
-    for i, source in enumerate(log):
-        try:
-            results.append(one(source))
-        except FtbiasError as error:
-            results.append(None)
-            errors[i] = error
-    if not results:
+        return work(log, progress=progress)
+    found: dict[int, FilterResult | FtbiasError] = {}
+
+    def here(numbered: tuple[int, Source]) -> FilterResult | FtbiasError:
+        return _or_error(numbered, partial(work, progress=lambda samples: progress(done + samples)))
+
+    numbered = enumerate(log)
+    told = run_with(executor, partial(_or_error, work=work), numbered) if executor else ((x, here(x)) for x in numbered)
+    for (i, source), one in told:
+        found[i] = LogError(LOST, file=source if isinstance(source, str) else "") if one is None else one
+        if isinstance(one, FilterResult):
+            done += len(one.t)
+            progress(done)
+    if not found:
         raise UsageError("there is no log to filter", field="log", remedy="give at least one")
-    return FilterResults(tuple(results), errors)
+    ordered = [found[i] for i in range(len(found))]
+    errors = {i: one for i, one in enumerate(ordered) if isinstance(one, FtbiasError)}
+    return FilterResults(tuple(None if isinstance(one, FtbiasError) else one for one in ordered), errors)
+
+
+def _filtered(
+    source: Source,
+    setup: Setup,
+    smooth: bool,
+    unchecked: bool,
+    fields: Sequence[str],
+    progress: Callable[[int], None] = _nobody,
+) -> FilterResult:
+    log = source if isinstance(source, Log) else read_log(source, setup)
+    result = filter_with_setup(setup, log, smooth=smooth, unchecked=unchecked, progress=progress)
+    return only(replace(result, repairs=(*map(Repair, result.checked.lines()), *result.repairs)), fields)
+
+
+def _or_error(numbered: tuple[int, Source], work: Callable[[Source], FilterResult]) -> FilterResult | FtbiasError:
+    """The result of a log, or why there is none."""
+    try:
+        return work(numbered[1])
+    except FtbiasError as error:
+        return error
 
 
 def filter_with_setup(

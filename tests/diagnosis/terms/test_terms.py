@@ -51,3 +51,23 @@ def test_without_terms_the_catalogue_answers_alone(setup, record):
     found = diagnose(setup, [record({"term": {"1": drag}})], ["dragged"], without=("term",))
     assert found.terms == ()
     assert found.verdict in ("unknown", "partly_explained")
+
+
+@pytest.mark.slow
+def test_a_load_that_is_carried_is_told_with_its_mass_place_and_times(setup, record, tmp_path):
+    times = np.array([4.217, 11.6])
+    numbers = {"time": times, "takes": np.array(0.06)}
+    load = Term("acceleration", "payload", "base", "force", 0, (), numbers, POINT, np.array([0.3]))
+    log = record({"term": {"1": load}})
+    found = diagnose(setup, [log], ["gripped"])
+    assert (found.verdict, found.causes) == ("described", ())
+    (term,) = found.terms
+    assert term.form == "payload"
+    assert abs(term.coefficients["kg"] - 0.3) < 0.003
+    np.testing.assert_allclose(term.point, POINT, atol=0.003)
+    np.testing.assert_allclose(term.parameters["time"], times, atol=0.01)
+    assert "from 4.2" in found.sentence
+    found.to_html(tmp_path / "report.html")
+    found.apply(setup).save(tmp_path / "fixed.toml")
+    again = diagnose(load_setup(tmp_path / "fixed.toml"), [log], ["gripped"])
+    assert (again.verdict, again.terms) == ("none", ())

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.terms.grid import fast_lines, lines
 from ftbias_jax.diagnosis.terms.noise import _fitted, _score
+from ftbias_jax.diagnosis.terms.spectra import fast_lines, lines
 
 
 class Bins(NamedTuple):

@@ -1,0 +1,106 @@
+"""Tasks done by the executor of a cluster that people already run: Dask, Ray, MPI, or any of ``concurrent.futures``."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import contextmanager
+from itertools import islice
+from typing import Any, TypeVar
+
+from ftbias_jax.errors import UsageError
+from ftbias_jax.runtime.jax_config import in_float64
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+IN_FLIGHT = 64
+"""Tasks that an executor is given at a time: enough for as many workers, few enough to hold what they need."""
+TRIES = 2
+"""Of a task whose worker is lost."""
+PATIENCE = 20
+"""s in which a scheduler must answer."""
+
+
+def run_with(
+    executor: Executor, work: Callable[[Task], Result], tasks: Iterable[Task], in_flight: int = IN_FLIGHT
+) -> Iterator[tuple[Task, Result | None]]:
+    """Every task with its result as it gets ready, or with None if its workers were lost again and again.
+
+    Args:
+        executor: the caller's own, which stays open.
+        work: what to do, in float64; can be pickled, raises nothing.
+        tasks: each once; taken from a generator as workers get free.
+        in_flight: tasks at a time.
+
+    Raises:
+        UsageError: the executor takes no more tasks.
+    """
+    waiting, flying = iter(tasks), dict[Future[Result], tuple[Task, int]]()
+
+    def submit(task: Task, tried: int) -> None:
+        try:
+            flying[executor.submit(_in_float64, work, task)] = task, tried + 1
+        except (BrokenExecutor, RuntimeError) as error:
+            message = f"the executor takes no more tasks: {error}"
+            raise UsageError(message, field="executor", remedy="start it again; what is done stays done") from error
+
+    while True:
+        for task in islice(waiting, in_flight - len(flying)):
+            submit(task, 0)
+        if not flying:
+            return
+        for future in wait(flying, return_when=FIRST_COMPLETED).done:
+            task, tried = flying.pop(future)
+            if future.exception() is None:
+                yield task, future.result()
+            elif tried < TRIES:
+                submit(task, tried)
+            else:
+                yield task, None
+
+
+def _in_float64(work: Callable[[Task], Result], task: Task) -> Result:
+    return in_float64(work)(task)
+
+
+@contextmanager
+def executor_of(name: str) -> Iterator[Executor]:
+    """The executor of a cluster: "dask:tcp://HOST:PORT", "ray" or "ray:ADDRESS".
+
+    Raises:
+        UsageError: no such cluster, or its package is not installed.
+    """
+    kind, _, address = name.partition(":")
+    try:
+        if kind == "dask" and address:
+            distributed: Any = importlib.import_module("distributed")
+            with distributed.Client(address, timeout=PATIENCE, set_as_default=False) as client:
+                # A log may be another one although its path is the same: nothing is taken from earlier results.
+                yield client.get_executor(pure=False)
+        elif kind == "ray":
+            ray = importlib.import_module("ray")
+            ray.init(address or None, ignore_reinit_error=True, log_to_driver=False)
+            try:
+                yield _Ray(ray)
+            finally:
+                ray.shutdown()
+        else:
+            raise UsageError(f"got {name!r}", field="executor", remedy="give dask:tcp://HOST:PORT or ray")
+    except ImportError as error:
+        remedy = f"pip install 'ftbias-jax[{kind}]'"
+        raise UsageError(f"needs the package {error.name}", field="executor", remedy=remedy) from error
+    except (OSError, ConnectionError) as error:
+        raise UsageError(f"no cluster answers at {address!r}: {error}", field="executor", remedy="start it") from error
+
+
+class _Ray(Executor):
+    """Ray's tasks as futures."""
+
+    def __init__(self, ray: Any) -> None:
+        self.ray = ray
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = self.ray.remote(fn).remote(*args, **kwargs).future()
+        return future

@@ -1,0 +1,80 @@
+"""Tasks given to executors: all done, few at a time, again if a worker is lost; and clusters by their names."""
+
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+
+import jax.numpy as jnp
+import pytest
+
+from ftbias_jax.errors import UsageError
+from ftbias_jax.runtime.executors import TRIES, executor_of, run_with
+
+
+def doubled(number):
+    return 2.0 * number, str(jnp.result_type(float))
+
+
+class Losing(Executor):
+    """Loses the worker of some tasks so many times, and counts how many wait."""
+
+    def __init__(self, losses):
+        self.losses, self.flying, self.most = dict(losses), 0, 0
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        self.flying += 1
+        self.most = max(self.most, self.flying)
+        if self.losses.get(args[-1], 0):
+            self.losses[args[-1]] -= 1
+            future.set_exception(RuntimeError("worker lost"))
+        else:
+            future.set_result(fn(*args))
+        future.add_done_callback(lambda _: None)
+        return future
+
+
+@pytest.mark.parametrize("kind", ["threads", "processes"])
+def test_every_task_is_done_in_double_precision(kind):
+    pool = ThreadPoolExecutor(2) if kind == "threads" else ProcessPoolExecutor(2, mp_context=get_context("spawn"))
+    with pool as executor:
+        found = dict(run_with(executor, doubled, range(5), in_flight=2))
+    assert found == {number: (2.0 * number, "float64") for number in range(5)}
+
+
+def test_a_task_whose_worker_is_lost_is_done_again_and_given_up_in_the_end():
+    found = dict(run_with(Losing({1: TRIES - 1, 2: TRIES}), str, range(4)))
+    assert found == {0: "0", 1: "1", 2: None, 3: "3"}
+
+
+def test_only_so_many_tasks_are_taken_at_a_time():
+    taken = []
+
+    def tasks():
+        for number in range(20):
+            taken.append(number)
+            yield number
+
+    results = run_with(Losing({}), str, tasks(), in_flight=3)
+    next(results)
+    assert len(taken) == 3
+    assert len(list(results)) == 19
+
+
+def test_an_executor_that_is_shut_down_says_so():
+    with ThreadPoolExecutor(1) as executor:
+        pass
+    with pytest.raises(UsageError, match="takes no more tasks"):
+        list(run_with(executor, str, [1]))
+
+
+@pytest.mark.parametrize("name", ["dask", "slurm:node", ""])
+def test_unknown_clusters_are_refused(name):
+    with pytest.raises(UsageError, match=r"give dask:tcp://HOST:PORT or ray"), executor_of(name):
+        pass
+
+
+@pytest.mark.slow
+def test_ray_does_every_task():
+    pytest.importorskip("ray", reason="Ray is not installed")
+    with executor_of("ray") as executor:
+        assert dict(run_with(executor, doubled, range(3))) == {n: (2.0 * n, "float64") for n in range(3)}
