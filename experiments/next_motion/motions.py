@@ -141,7 +141,7 @@ def _climb_condition(state, task, rates):
 
 
 def by_condition(task, seed):
-    """What minimises the condition number (Swevers et al. 1997; FIGAROH), with the same series, starts and steps."""
+    """What minimises the condition number (Swevers et al. 1997; FIGAROH), from two of the same starts."""
     best, least = None, np.inf
     for free in random_shapes(seed, STARTS, len(task.start), (task.points.basis.shape[2] - 1) // 2)[:2]:
         state = (jnp.asarray(free), optax.scale_by_adam().init(jnp.asarray(free)))

@@ -38,7 +38,7 @@ FORMS = {"tool_mass": "point_at_com", "mount_rotation": "sensor_and_tool"}
 """Of the generator, where it is not the first of the effect."""
 TRUE = {"gain": "gain", "tool_com": "com", "gravity_tilt": "gravity", "time_delay": "delay", "tool_mass": "mass"}
 """How the generator calls the parameter of an effect."""
-REPEATS, ARMS = 8, 6
+REPEATS, ARMS = 3, 6
 """Logs of each motion, and robots that it is tried on."""
 TWINS = (
     ("time_delay", "low_pass"),
@@ -148,7 +148,8 @@ def motions_case(seed):
             bias.append(found.bias - scene.bias[-1])
         rms, of_bias = (np.sqrt(np.mean(np.square(x), 0)) for x in (errors, bias))
         rows[name] = {"expected": expected, "rms": rms, "bias_rms": of_bias, "share": share}
-        print(seed, belief.arm.name, name, np.exp(np.log(rms / rows["planned"]["rms"]).mean()).round(2), flush=True)
+        times = [np.exp(np.log(rows[name][key] / rows["planned"][key]).mean()).round(2) for key in ("expected", "rms")]
+        print(seed, belief.arm.name, name, *times, flush=True)
     return belief.arm.name, rows
 
 

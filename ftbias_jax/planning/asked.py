@@ -88,7 +88,7 @@ def asked_for(name: str, model: Model, catalogue: Catalogue, stated: Mapping[str
     if not why and any(-1 in parameter.shape for parameter in effect.parameters):
         why = "it happens when it happens"
     if why:
-        raise UsageError(f"{name}: {why}", field="for", remedy="record a longer log: no motion shows it better")
+        raise UsageError(f"{name}: {why}", field="for", remedy="record longer, or plan for 'noise'")
     given = {**_typical(effect, model), **stated.get(name, {})}
     values = _for_all_joints(effect, complete(effect, given, model), model.arm.angular.shape[0])
     base = np.concatenate([np.ravel(values[parameter.name]) for parameter in effect.parameters])
