@@ -45,9 +45,8 @@ class Gains(NamedTuple):
         chosen, gained, power = list[int](), 0.0, normal.diagonal().copy()
         while len(chosen) < min(most, len(rows)):
             left = normal.diagonal()
-            gains = np.where(
-                np.isin(rows, chosen) | (left < SINGLE * power), -1, pull**2 / (np.maximum(left, 0) + ridge)
-            )
+            spent = np.isin(rows, chosen) | (left < SINGLE * power)
+            gains = np.where(spent, -1, pull**2 / (np.maximum(left, 0) + ridge))
             best = int(gains.argmax())
             gain = float(gains[best]) / 2
             if gain < max(2 * NATS_PER_DEGREE, least * (gained + gain)):

@@ -25,6 +25,8 @@ DAMPINGS = (0.0, 0.1, 3.0)
 RELATIVE_STEP = 1e-3
 POINT_SCALE = 0.05
 """m."""
+LOCAL = ("time", "takes")
+"""Parameters of which only the bins tell in which something is switched."""
 TIME_SCALE = 0.02
 """s, in which times are moved: a bin or two."""
 RESOLUTION = 0.2
@@ -55,8 +57,8 @@ class Described(NamedTuple):
     """Its coordinates come first in ``columns.moving``, then each term's coefficients, parameters and point, scaled."""
     scales: tuple[np.ndarray, ...]
     """Of each term's numbers, in that order: their units in the columns."""
-    time_stderr: tuple[np.ndarray, ...]
-    """(N,) s, of each term's times. These have no columns: other blocks do not predict when something is switched."""
+    local_stderr: tuple[dict[str, np.ndarray], ...]
+    """s, of each term's ``LOCAL`` numbers, which have no columns: other blocks do not predict when a change comes."""
 
 
 class _Place(NamedTuple):
@@ -194,15 +196,18 @@ def _described(problem: Problem, state: State, start: Fit, now: Solved, places: 
     moving, scales, late, row = [start.columns.moving], [], [], 0
     for i, term in enumerate(now.terms):
         count = len(term.coefficients)
-        own = [k for k, place in enumerate(places) if place.term == i and place.name != "time"]
-        timed = [k for k, place in enumerate(places) if place.term == i and place.name == "time"]
+        there = [k for k, place in enumerate(places) if place.term == i]
+        own = [k for k in there if places[k].name not in LOCAL]
+        timed = {name: [k for k in there if places[k].name == name] for name in LOCAL if name in term.parameters}
         # A coefficient's column is scaled by its size, so that no prior matters.
         size = np.maximum(np.abs(term.coefficients), 1e-12)
         moving += [now.white[row : row + count] * size[:, None, None], slopes[own]]
         scales.append(np.concatenate([size, [places[k].scale for k in own]]))
         # At the edge of a bin the slope is zero: it is known to a bin.
         width = np.median(np.diff(state.t))
-        late.append(np.hypot(width / np.sqrt(12), np.minimum(TIME_SCALE / np.sqrt(power[timed] + 1e-12), width)))
+        formal = np.array([place.scale for place in places]) / np.sqrt(power + 1e-12)
+        sure = np.hypot(width / np.sqrt(12), np.minimum(formal, width))
+        late.append({name: sure[rows] for name, rows in timed.items()})
         row += count
     columns_of_all = Columns(np.concatenate(moving), start.columns.series)
     z, free, first = start.z.copy(), len(start.free), len(start.columns.moving)
@@ -221,7 +226,8 @@ def _moved(terms: tuple[Term, ...], places: list[_Place], step: Sequence[float] 
         if place.name:
             values = np.array(term.parameters[place.name], float)
             values.flat[place.axis] = np.clip(values.flat[place.axis] + by * place.scale, place.least, place.most)
-            found[place.term] = replace(term, parameters={**term.parameters, place.name: values})
+            ascending = np.sort(values) if values.ndim else values
+            found[place.term] = replace(term, parameters={**term.parameters, place.name: ascending})
         else:
             point = np.array(term.point, float)
             point[place.axis] = np.clip(point[place.axis] + by * place.scale, place.least, place.most)

@@ -37,11 +37,12 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
     spread = np.sqrt(np.maximum(np.diag(covariance(problem, described.fit)), 0))
     row, total = len(description.kept.columns.moving), max(gap.before_sigmas**2 - 1, 1e-12)
     found = []
-    told = zip(description.steps, described.terms, described.scales, described.time_stderr, strict=True)
-    for step, term, scales, times in told:
+    told = zip(description.steps, described.terms, described.scales, described.local_stderr, strict=True)
+    for step, term, scales, local in told:
         stderr = scales * spread[row : row + len(scales)]
         row += len(scales)
-        late: dict[str, Numbers] = {"time": np.squeeze(times).tolist()} if len(times) else {}
+        names = [name for name in free_names(term) if name not in local]
+        late: dict[str, Numbers] = {name: np.squeeze(errors).tolist() for name, errors in local.items()}
         values, count = np.asarray(term.coefficients, float), len(term.coefficients)
         # A real cause never has quite the form, and no scatter of the data shows that.
         errors = np.hypot(stderr[:count], FORM_ERROR * np.abs(values))
@@ -54,7 +55,7 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
             (step.held.nats, step.held.nats_stderr),
         )
         one = one._replace(
-            parameters_stderr=dict(zip(free_names(term), stderr[count:].tolist(), strict=False)) | late,
+            parameters_stderr=dict(zip(names, stderr[count:].tolist(), strict=False)) | late,
             equivalent_to=tuple(rival.drive for rival in step.rivals),
             separate_by=tuple(DRIVE_WORDS[rival.drive].separate_by for rival in step.rivals),
             shrink=share,

@@ -62,10 +62,7 @@ def make_term(
 ) -> Term:
     """A term without coefficients."""
     at = np.zeros(3) if point is None else point
-    numbers = {
-        n: np.asarray(value if np.size(value) > 1 else np.squeeze(value), float)
-        for n, value in (parameters or {}).items()
-    }
+    numbers = {name: np.squeeze(np.asarray(value, float)) for name, value in (parameters or {}).items()}
     return Term(drive, form, frame, acts_as, joint, (), numbers, at, np.zeros(0))
 
 

@@ -116,10 +116,7 @@ FORM_WORDS = {
     ("position", "attraction"): "towards the place ({x:.2f}, {y:.2f}, {z:.2f}) m, falling with power {power:.2g} of "
     "the distance (coefficient: at 0.5 m)",
     ("position", "barrier"): "that grows beyond a plane at {offset:.3g} m along ({x:.2f}, {y:.2f}, {z:.2f})",
-    (
-        "position",
-        "surface",
-    ): "of a surface at {offset:.3g} m along ({x:.2f}, {y:.2f}, {z:.2f}) that the tool is pressed on and slides over",
+    ("position", "surface"): "of a surface at {offset:.3g} m along ({x:.2f}, {y:.2f}, {z:.2f}), pressed and slid over",
     ("position", "linear"): "that depends on the place linearly",
     ("position", "quadratic"): "that depends on the place",
     ("orientation", "linear"): "that depends on the direction of gravity",

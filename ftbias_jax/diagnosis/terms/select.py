@@ -72,10 +72,7 @@ class Search:
             one = improve(self.problem, self.state, prepared_fit, (term,), steps, ROUGHLY)
             return _merit(one.log_likelihood - start.log_likelihood, one.terms[0]), one
 
-        timed = (
-            self._timed(one.term, prepared_fit) if np.size(one.term.parameters.get("time", ())) == 1 else one.term
-            for one in few
-        )
+        timed = (self._timed(one.term, prepared_fit) if times_of(one.term) == 1 else one.term for one in few)
         found = sorted((improved(term, ROUGH_STEPS) for term in timed), key=_order)
         for form in STARTS:  # the best of several starts goes on
             best = next((i for i, (_, one) in enumerate(found) if one.terms[0].form == form), None)
@@ -167,9 +164,8 @@ def is_all_carried(problem: Problem, base: Fit) -> bool:
     if gap_of(problem, base) <= enough:
         return False
     state = state_of_problem(problem, base)
-    terms = [
-        term for term in of_switches(problem, state, base) if term.form == "payload" and np.min(term.parameters["time"])
-    ]
+    loads = (term for term in of_switches(problem, state, base) if term.form == "payload")
+    terms = [term for term in loads if np.min(term.parameters["time"]) > 0]
     prepared_fit = stand(base)
     best = [one.term for one in rank(make_library(problem, state, terms), prepared_fit)[:1]]
     fits = [improve(problem, state, prepared_fit, (term,)) for term in best]
