@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -143,14 +144,17 @@ def _of_places(state: State) -> Iterator[Term]:
         for heading in np.arange(4) * turn / 4:
             flat = np.cos(dip) * np.array([np.cos(heading), np.sin(heading)])
             yield from _terms("orientation", "field", (SENSOR,), [_vector((*flat, np.sin(dip)))])
-    for sign in (1.0, -1.0):
-        for axis in range(3):
-            along, normal = sign * state.position[:, axis], _vector(sign * np.eye(3)[axis])
-            width, offsets = float(np.ptp(along)) + 0.02, np.quantile(along, QUANTILES).tolist()
-            walls = [normal | {"offset": offset, "length": 0.03 * width} for offset in offsets]
-            wide = normal | {"offset": offsets[-1], "length": width / 3}
+    for signs in product((1.0, -1.0, 0.0), repeat=3):
+        if not any(signs):
+            continue
+        normal = np.array(signs) / np.linalg.norm(signs)
+        along = state.position @ normal
+        width, offsets = float(np.ptp(along)) + 0.02, np.quantile(along, QUANTILES).tolist()
+        walls = [_vector(normal) | {"offset": offset, "length": 0.03 * width} for offset in offsets]
+        yield from _terms("position", "surface", (FORCE,), walls)
+        if np.abs(normal).max() == 1:
+            wide = _vector(normal) | {"offset": offsets[-1], "length": width / 3}
             yield from _terms("position", "barrier", (FORCE,), [*walls, wide])
-            yield from _terms("position", "surface", (FORCE,), [*walls, wide])
 
 
 def _vector(numbers: Iterable[float]) -> dict[str, float]:
