@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import contextmanager
@@ -81,7 +82,10 @@ def executor_of(name: str) -> Iterator[Executor]:
                 yield client.get_executor(pure=False)
         elif kind == "ray":
             ray = importlib.import_module("ray")
-            ray.init(address or None, ignore_reinit_error=True, log_to_driver=False)
+            with warnings.catch_warnings():
+                # JAX warns of forks; Ray's replace themselves by other programs at once.
+                warnings.filterwarnings("ignore", r"os\.fork\(\) was called", RuntimeWarning)
+                ray.init(address or None, ignore_reinit_error=True, log_to_driver=False)
             try:
                 yield _Ray(ray)
             finally:
