@@ -171,13 +171,17 @@ def covered(log, simulated):
     return ((reading >= low) & (reading <= high))[there].mean(), np.nanmean(high - low, axis=0) / 2
 
 
-def case(kind, number, folder):
-    """One scene, one recording to mend it by, one to judge it by."""
-    rng = np.random.default_rng([KINDS.index(kind), number])
+def prepared(kind, number, folder):
+    """A user's scene and setup in a folder; then the real robot, its sensor and what is true of it."""
     (folder / "scene.xml").write_text(SCENE.read_text())
     (folder / "setup.toml").write_text(TOML)
-    setup = ft.load_setup(folder / "setup.toml")
-    real, sensor, truth = changed(kind, rng, folder)
+    rng = np.random.default_rng([KINDS.index(kind), number])
+    return ft.load_setup(folder / "setup.toml"), *changed(kind, rng, folder)
+
+
+def case(kind, number, folder):
+    """One scene, one recording to mend it by, one to judge it by."""
+    setup, real, sensor, truth = prepared(kind, number, folder)
     first, second = (recording(setup, real, sensor, 1000 * (1 + KINDS.index(kind)) + 2 * number + i) for i in (0, 1))
     start = time.perf_counter()
     user = load_mjcf(folder / "scene.xml")

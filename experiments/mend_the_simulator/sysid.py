@@ -11,7 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from mujoco import sysid
-from run import KINDS, SCENE, TOML, changed, recording
+from run import KINDS, SCENE, prepared, recording
 
 import ftbias_jax as ft
 from ftbias_jax.setup.mjcf import load_mjcf, mjcf_tool
@@ -71,11 +71,7 @@ def by_identify(user, setup, log):
 
 def compared(kind, number, folder):
     """Errors of both on one recording: mass g, centre mm, inertia g m^2, and in their own standard errors."""
-    rng = np.random.default_rng([KINDS.index(kind), number])
-    (folder / "scene.xml").write_text(SCENE.read_text())
-    (folder / "setup.toml").write_text(TOML)
-    setup = ft.load_setup(folder / "setup.toml")
-    real, sensor, _ = changed(kind, rng, folder)
+    setup, real, sensor, _ = prepared(kind, number, folder)
     log = recording(setup, real, sensor, 1000 * (1 + KINDS.index(kind)) + 2 * number)
     user, truth, row = load_mjcf(folder / "scene.xml"), values_of(mjcf_tool(real)), {"kind": kind}
     for name, fit in (("sysid", by_sysid), ("identify", by_identify)):

@@ -12,6 +12,7 @@ import numpy as np
 
 from ftbias_jax.errors import UsageError, printable
 from ftbias_jax.io.limits.budget import need
+from ftbias_jax.io.write.mcap import CDR, schema_with_header
 from ftbias_jax.planning.limits import NOT_KNOWN
 from ftbias_jax.planning.shape import Motion
 from ftbias_jax.setup.export.payload import heading
@@ -26,15 +27,11 @@ of them, libfranka asks for one a millisecond."""
 DIGITS = 10
 TOPIC, TRAJECTORY = "/joint_trajectory_controller/joint_trajectory", "trajectory_msgs/msg/JointTrajectory"
 """Where the controller of ros2_control listens, unless it was given another name."""
-SCHEMA = f"\n{'=' * 80}\nMSG: ".join(
-    [
-        "std_msgs/Header header\nstring[] joint_names\nJointTrajectoryPoint[] points\n",
-        "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
-        "builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
-        "trajectory_msgs/JointTrajectoryPoint\nfloat64[] positions\nfloat64[] velocities\nfloat64[] accelerations\n"
-        "float64[] effort\nbuiltin_interfaces/Duration time_from_start\n",
-        "builtin_interfaces/Duration\nint32 sec\nuint32 nanosec\n",
-    ]
+SCHEMA = schema_with_header(
+    "std_msgs/Header header\nstring[] joint_names\nJointTrajectoryPoint[] points\n",
+    "trajectory_msgs/JointTrajectoryPoint\nfloat64[] positions\nfloat64[] velocities\nfloat64[] accelerations\n"
+    "float64[] effort\nbuiltin_interfaces/Duration time_from_start\n",
+    "builtin_interfaces/Duration\nint32 sec\nuint32 nanosec\n",
 )
 APPROACH = "movej({q}, a=0.5, v=0.3)  # slowly to the first pose"
 
@@ -87,7 +84,7 @@ def ros_bag(plan: Plan) -> bytes:
     writer.start(profile="ros2", library=heading(plan.setup)[0])
     schema = writer.register_schema(TRAJECTORY, "ros2msg", SCHEMA.encode())
     channel = writer.register_channel(TOPIC, "cdr", schema, {"about": "\n".join(about)})
-    writer.add_message(channel, 0, b"\x00\x01\x00\x00" + bytes(message), 0)
+    writer.add_message(channel, 0, CDR + bytes(message), 0)
     writer.finish()
     return file.getvalue()
 

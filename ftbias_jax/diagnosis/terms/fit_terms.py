@@ -192,7 +192,10 @@ def _step(normal: np.ndarray, pull: np.ndarray, power: np.ndarray, damping: floa
 def _described(problem: Problem, state: State, start: Fit, now: Solved, places: list[_Place]) -> Described:
     """The fit with all columns that the terms' numbers have."""
     slopes = _slopes(problem, state, now.terms, places)
-    power = np.einsum("nuc,nuc->n", slopes, slopes)
+    # At the edge of a bin the slope is zero: a time is known to a bin.
+    width, power = np.median(np.diff(state.t)), np.einsum("nuc,nuc->n", slopes, slopes)
+    formal = np.array([place.scale for place in places]) / np.sqrt(power + 1e-12)
+    sure = np.hypot(width / np.sqrt(12), np.minimum(formal, width))
     moving, scales, late, row = [start.columns.moving], [], [], 0
     for i, term in enumerate(now.terms):
         count = len(term.coefficients)
@@ -203,10 +206,6 @@ def _described(problem: Problem, state: State, start: Fit, now: Solved, places: 
         size = np.maximum(np.abs(term.coefficients), 1e-12)
         moving += [now.white[row : row + count] * size[:, None, None], slopes[own]]
         scales.append(np.concatenate([size, [places[k].scale for k in own]]))
-        # At the edge of a bin the slope is zero: it is known to a bin.
-        width = np.median(np.diff(state.t))
-        formal = np.array([place.scale for place in places]) / np.sqrt(power + 1e-12)
-        sure = np.hypot(width / np.sqrt(12), np.minimum(formal, width))
         late.append({name: sure[rows] for name, rows in timed.items()})
         row += count
     columns_of_all = Columns(np.concatenate(moving), start.columns.series)

@@ -25,6 +25,8 @@ MOST_POINTS = 1500
 """Of a plot."""
 LOADS = {"square": 2, "signed_square": 2, "cube": 3}
 """Form -> the power of the load that it follows; 1 of all others that follow the load."""
+UNITS = {("payload", ""): "kg", ("local", "dry"): "N"} | {("spring", axis): "N" for axis in "xyz"}
+"""(Form, series) -> unit of a coefficient that has not that of the form's other series."""
 POWERS = {"t2": 2, "q2": 2, "q3": 3, "squared": 2} | dict.fromkeys(("xx", "yy", "zz", "xy", "xz", "yz"), 2)
 """Series -> the power of the form's unit that it has; 1 of all others."""
 
@@ -206,12 +208,8 @@ def _unit_of_load(term: Term, channel: int) -> str:
 
 def _unit(term: Term, series: str, channel: int) -> str:
     form, own = FORMS[term.drive, term.form], AXIS_UNITS[channel]
-    if form.name == "payload":
-        return "kg"
-    if form.name == "spring":
-        return "N per m" if series == "stiffness" else "N"
-    if series == "dry":
-        return "N"
+    if (form.name, series) in UNITS:
+        return UNITS[form.name, series]
     per = f"{form.unit}^{POWERS[series]}" if series in POWERS else form.unit
     return own if form.unit == "1" else f"{own} per {per}"
 

@@ -5,7 +5,7 @@ With them what stands out in the spectrum of the innovations: lines in time, and
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -93,9 +93,9 @@ def that_stand_out(
     return _at(point, [*found, *of_switches(problem, state, fit)])
 
 
-def of_switches(problem: Problem, state: State, fit: Fit) -> Iterator[Term]:
-    """The terms of what is switched on and off, as what a fit leaves suggests them."""
-    for name, times in switches(problem, state, fit):
+def of_switches(problem: Problem, state: State, fit: Fit, names: Collection[str] = SWITCHED) -> Iterator[Term]:
+    """The terms of what is switched on and off, as what a fit leaves suggests them; of these names of ``SWITCHED``."""
+    for name, times in switches(problem, state, fit, names):
         takes = {"takes": TAKEN_OVER} if name == "payload" else {}
         yield from _terms(*SWITCHED[name], [{"time": times, **takes}])
 

@@ -160,11 +160,12 @@ def is_all_carried(problem: Problem, base: Fit) -> bool:
 
     Nothing that acts all along does, and a search for effects of any shape would take the longest of all.
     """
-    enough = max(thresholds.LEAST_SIGMAS**2, thresholds.LEAST_SHARE_OF_GAP * gap_of(problem, base))
-    if gap_of(problem, base) <= enough:
+    gap = gap_of(problem, base)
+    enough = max(thresholds.LEAST_SIGMAS**2, thresholds.LEAST_SHARE_OF_GAP * gap)
+    if gap <= enough:
         return False
     state = state_of_problem(problem, base)
-    loads = (term for term in of_switches(problem, state, base) if term.form == "payload")
+    loads = of_switches(problem, state, base, ("payload",))
     terms = [term for term in loads if np.min(term.parameters["time"]) > 0]
     prepared_fit = stand(base)
     best = [one.term for one in rank(make_library(problem, state, terms), prepared_fit)[:1]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -43,10 +43,10 @@ class _Seen(NamedTuple):
     """(U, C) one over the variance; 0 = not measured."""
 
 
-def switches(problem: Problem, state: State, fit: Fit) -> Iterator[tuple[str, np.ndarray]]:
+def switches(problem: Problem, state: State, fit: Fit, names: Collection[str]) -> Iterator[tuple[str, np.ndarray]]:
     """(name of what is switched, times (N,) s at which it goes on and off in turn), as what a fit leaves suggests them.
 
-    Only of single logs: in another one the times are others.
+    Of these names alone, and only of single logs: in another one the times are others.
     """
     if len(problem.parts) > 1:
         return
@@ -54,8 +54,9 @@ def switches(problem: Problem, state: State, fit: Fit) -> Iterator[tuple[str, np
     left = np.where(known, measured(problem) - readings(problem, fit.z[None])[0], 0.0)
     told: set[tuple[str, tuple[float, ...]]] = set()
     for seen in _ways(state, left, np.where(known, 1 / problem.variance, 0.0)):
-        for times in _suggested(state, seen):
-            for name in (seen.name, *seen.suggests):
+        wanted = [name for name in (seen.name, *seen.suggests) if name in names]
+        for times in _suggested(state, seen) if wanted else ():
+            for name in wanted:
                 # A constant force of the sensor is like a bias: only for others it matters what is on at first.
                 for own in [times] if name == "sensor" else [times, _inverted(times)]:
                     if 0 < len(own) <= MOST_TIMES and (name, tuple(own)) not in told:
@@ -84,13 +85,13 @@ def _suggested(state: State, seen: _Seen) -> Iterator[np.ndarray]:
     stretch = np.unique((state.t / (state.t[-1] + 1e-9) * COARSE).astype(int), return_inverse=True)[1]
     edges = np.searchsorted(stretch, np.arange(stretch[-1] + 2))
     square = np.einsum("tc,tck->tk", seen.weight, seen.axes**2)
+    weight = sum_of_bins(stretch, square)
     bias = (seen.weight * seen.left).sum(0) / np.maximum(seen.weight.sum(0), 1e-300)
     for share in SHARES:
         found = np.zeros(0)
         for _ in range(ROUNDS):
             along = np.einsum("tc,tck->tk", seen.weight * (seen.left - bias), seen.axes)
-            level = sum_of_bins(stretch, along) / np.maximum(sum_of_bins(stretch, square), 1e-300)
-            rows = _switched_at(level, sum_of_bins(stretch, square), share)
+            rows = _switched_at(sum_of_bins(stretch, along) / np.maximum(weight, 1e-300), weight, share)
             if not len(rows):
                 break
             found = np.array([_refined(along, square, edges, rows, k) for k in range(len(rows))])

@@ -118,7 +118,8 @@ def filter_log(
         found[i] = LogError(LOST, file=source if isinstance(source, str) else "") if one is None else one
         if isinstance(one, FilterResult):
             done += len(one.t)
-            progress(done)
+            if executor:  # here the log told of itself
+                progress(done)
     if not found:
         raise UsageError("there is no log to filter", field="log", remedy="give at least one")
     ordered = [found[i] for i in range(len(found))]

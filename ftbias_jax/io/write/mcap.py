@@ -34,15 +34,23 @@ FLAGS = ("used", "in_contact")
 FRAME = "ft_sensor"
 """Where the log names none."""
 
-_SEPARATOR = "=" * 80 + "\nMSG: "
-SCHEMA = _SEPARATOR.join(
-    [
-        f"# {SIGN}\nstd_msgs/Header header\nWrench wrench\n",
+CDR = b"\x00\x01\x00\x00"
+"""How a message begins: little endian."""
+
+
+def schema_with_header(message: str, *parts: str) -> str:
+    """The definition of a ROS 2 message with a header, and those of its other parts, each with its name first."""
+    header = (
         "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
         "builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
-        "geometry_msgs/Wrench\nVector3 force  # N\nVector3 torque  # Nm, about the sensor's origin\n",
-        "geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n",
-    ]
+    )
+    return ("=" * 80 + "\nMSG: ").join((message, *header, *parts))
+
+
+SCHEMA = schema_with_header(
+    f"# {SIGN}\nstd_msgs/Header header\nWrench wrench\n",
+    "geometry_msgs/Wrench\nVector3 force  # N\nVector3 torque  # Nm, about the sensor's origin\n",
+    "geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n",
 )
 FLAG_SCHEMA = "bool data\n"
 COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf")
@@ -78,7 +86,7 @@ def save_mcap(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: 
         channels |= {name: writer.register_channel(topic(name), "cdr", schema, _words(name)) for name in flags}
         for i, stamp in enumerate(stamps.tolist()):
             messages = {name: wrench_message(stamp, frame, wrenches[i]) for name, wrenches in topics.items()}
-            messages |= {name: b"\x00\x01\x00\x00" + bytes([bool(truths[i])]) for name, truths in flags.items()}
+            messages |= {name: CDR + bytes([bool(truths[i])]) for name, truths in flags.items()}
             for name, message in messages.items():
                 writer.add_message(channels[name], stamp, message, stamp)
         writer.add_metadata("ftbias", texts_of(arrays, about))
@@ -103,7 +111,7 @@ def wrench_message(stamp: int, frame: str, wrench: Array) -> bytes:
     name = frame.encode() + b"\x00"
     padding = -(12 + len(name)) % 8  # the numbers are aligned to eight bytes after the first four
     body = struct.pack(f"<III{len(name)}s{padding}x6d", seconds, nanoseconds, len(name), name, *wrench)
-    return b"\x00\x01\x00\x00" + body
+    return CDR + body
 
 
 TABS: dict[str, dict[str, str]] = {

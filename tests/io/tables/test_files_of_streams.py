@@ -111,15 +111,19 @@ def test_a_clock_that_differs_by_a_constant_is_put_right(tmp_path):
         setup_of(".npz", ".npz", time_offsets={"velocity": 1.0})
 
 
+def write_both(path, t, q, w):
+    """Joints and wrench at the same stamps, in one file."""
+    if path.suffix == ".mcap":
+        write_recording(path, joints(t, q) + [Wrench(int(s), tuple(x)) for s, x in zip(t, w, strict=True)])
+    else:
+        write(path, {"t": (t - START) * 1e-9, "q": q, "wrench": w})
+
+
 @pytest.mark.parametrize("suffix", [".npz", ".csv", ".mcap"])
 def test_the_rate_of_the_wrenchs_clock_is_taken_off_in_every_format(tmp_path, suffix):
     t_joints, q, _, w = streams()
     stated = {"robot": {"model": "ur5e"}, "sensor": {"noise_std": 0.1}, "log": {"clocks": {"wrench_rate": 5000.0}}}
-    if suffix == ".mcap":
-        messages = joints(t_joints, q) + [Wrench(int(s), tuple(x)) for s, x in zip(t_joints, w, strict=True)]
-        write_recording(tmp_path / "log.mcap", messages)
-    else:
-        write(tmp_path / f"log{suffix}", {"t": (t_joints - START) * 1e-9, "q": q, "wrench": w})
+    write_both(tmp_path / f"log{suffix}", t_joints, q, w)
     setup = parse_setup(stated)
     log = read_log(tmp_path / f"log{suffix}", setup)
     since = (t_joints - t_joints[0]) * 1e-9
@@ -134,11 +138,7 @@ def test_the_rate_of_the_wrenchs_clock_is_taken_off_in_every_format(tmp_path, su
 def test_offsets_of_one_file_move_a_stream_against_the_other(tmp_path, suffix):
     t_joints, q, t_wrench, w = streams()
     stated = {"robot": {"model": "ur5e"}, "sensor": {"noise_std": 0.1}, "log": {"time_offsets": {"wrench": 0.003}}}
-    if suffix == ".mcap":
-        messages = joints(t_joints, q) + [Wrench(int(s), tuple(x)) for s, x in zip(t_joints, w, strict=True)]
-        write_recording(tmp_path / "log.mcap", messages)
-    else:
-        write(tmp_path / f"log{suffix}", {"t": (t_joints - START) * 1e-9, "q": q, "wrench": w})
+    write_both(tmp_path / f"log{suffix}", t_joints, q, w)
     log = read_log(tmp_path / f"log{suffix}", parse_setup(stated))
     expected = Log.from_arrays(setup_of("", ""), (t_joints, t_wrench), q, w)
     np.testing.assert_allclose(log.t, expected.t, atol=1e-9)
