@@ -105,15 +105,17 @@ def diagnose(
         problem, samples = make_problem(with_tool, logs)
     problem, base, found, loud = _examined(problem, logs, samples, without)
     hold_out = Judge(problem)
-    if TERM not in without and is_all_carried(problem, base):
+    before = hold_out(base, base.error)
+    quiet = is_quiet(problem, measure_gap(problem, before, before))
+    if not quiet and TERM not in without and is_all_carried(problem, base, hold_out):
         searched = Searched(base, base, [])
     else:
         searched = search_causes(setup, problem, base, hold_out, {*without, *not_shown(setup)}, progress)
-    before, after = (hold_out(one, base.error) for one in (base, searched.accepted))
+    after = hold_out(searched.accepted, base.error)
     gap = measure_gap(problem, before, after)
     answer = Answer(problem, hold_out, base, found, *searched, before, after, gap, gap.before_sigmas**2 - 1)
     pushed = all(part.touched.all_along for part in problem.parts)
-    if TERM not in without and not pushed and (answer.accepted.hypotheses or not is_quiet(problem, gap)):
+    if TERM not in without and not pushed and (answer.accepted.hypotheses or not quiet):
         progress("trying terms")
         answer = _with_terms(answer, fast_lines(logs, samples))
     progress("writing the report")

@@ -126,6 +126,8 @@ TERMS_FITTED, FORMS_OF_A_DRIVE, NOISE_FORMS_FITTED = 10, 2, 2
 """Terms, forms of one drive, and forms of noise that are fitted. [dev]"""
 NOISE_BETTER, TERM_WINDOWS = 1.05, 64
 """Gain of a term of noise per that of an effect; windows of samples that it needs. [dev]"""
+MOST_TIMES = 60
+"""Changes of one log that are told as something switched: who lists more describes noise. [owner]"""
 LEAST_POWER = 25.0
 """Of a spectrum's median: a line. [noise] 1 in 3e7 frequencies."""
 LEAST_WARMING, LEAST_TURN = 0.3, 0.02

@@ -11,6 +11,7 @@ from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import measured, readings
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.samples.bins import sum_of_bins
+from ftbias_jax.diagnosis.thresholds import MOST_TIMES
 from ftbias_jax.model.effects.terms.types import State
 
 COARSE = 1024
@@ -20,8 +21,6 @@ PRICE = 4.0
 motion change the level, too; ``alternating`` tells what is switched."""
 SHARES = (0.3, 0.6)
 """Of the largest change, from which on a change is one of what is switched."""
-MOST_TIMES = 60
-"""Changes of one log."""
 REACH = 2
 """Stretches on either side of a change in which its time is looked for."""
 ROUNDS = 2
