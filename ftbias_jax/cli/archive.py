@@ -190,7 +190,7 @@ def _check_replaceable(place: Place, names: Iterable[str], answer: str) -> None:
 def run_tasks(job: Job, tasks: Iterable[Task], jobs: int, executor: str | None = None) -> Iterator[Entry]:
     """Entries as they get ready, from this process (``jobs`` = 1), from so many, or from the workers of a cluster."""
     work = partial(do_task, job=job)
-    for task, entry in _with_cluster(executor, work, tasks, jobs) if executor else _here(work, tasks, jobs):
+    for task, entry in _on_cluster(executor, work, tasks, jobs) if executor else _here(work, tasks, jobs):
         killed = printable(f"{shown(task.log)}: {KILLED}")
         yield entry or _entry(task, job)._replace(error=killed, done=round(time.time(), 3))
 
@@ -204,7 +204,7 @@ def _here(work: Callable[[Task], Entry], tasks: Iterable[Task], jobs: int) -> It
     yield from run_each(work, tasks, jobs)
 
 
-def _with_cluster(
+def _on_cluster(
     name: str, work: Callable[[Task], Entry], tasks: Iterable[Task], jobs: int
 ) -> Iterator[tuple[Task, Entry | None]]:
     from ftbias_jax.runtime.executors import IN_FLIGHT, executor_of, run_with
