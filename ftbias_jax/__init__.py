@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from ftbias_jax.commissioning.calibrate import calibrate
     from ftbias_jax.commissioning.result import Calibrated
     from ftbias_jax.diagnosis.diagnose import diagnose
+    from ftbias_jax.diagnosis.pooled import diagnose_pooled
     from ftbias_jax.diagnosis.result import Candidate, Diagnosis
     from ftbias_jax.errors import FtbiasError, LogError, OutputError, SetupError, UsageError
     from ftbias_jax.filtering.likelihood import log_likelihood
@@ -106,6 +107,7 @@ __all__ = [
     "check_setup",
     "constrain",
     "diagnose",
+    "diagnose_pooled",
     "dump_setup",
     "filter_log",
     "filter_samples",
@@ -138,6 +140,7 @@ _MODULES = {
     "commissioning.calibrate": "calibrate",
     "commissioning.result": "Calibrated",
     "diagnosis.diagnose": "diagnose",
+    "diagnosis.pooled": "diagnose_pooled",
     "diagnosis.result": "Candidate Diagnosis",
     "errors": "FtbiasError LogError OutputError SetupError UsageError",
     "check.check_setup": "check_setup",

@@ -182,3 +182,7 @@ MOVES, LEAST_REST, FAR_SQUARES = 0.03, 1e-3, 25.0
 """Of the fastest joint; of the mean variance; squares per variance, five sigmas, that are noise. [physics] [dev]"""
 SLOW, RESTED = 0.1, 0.02
 """Of the speed in the fastest tenth; share of samples at rest that shows the noise there. [dev]"""
+
+# Logs of one robot over time
+FEWEST_POOLED, MOST_POOLED, POOLED_SHARE = 4, 16, 0.25
+"""Latest logs that are diagnosed together, and their share of all: what began before them is in all of them. [dev]"""

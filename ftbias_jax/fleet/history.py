@@ -9,12 +9,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis.report.as_json import load_courses
+from ftbias_jax.diagnosis.result import Course
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.entry import FAILED, LOSS, OK, Entry, Settings, seconds_of
 from ftbias_jax.fleet.manifest import read_manifests
 from ftbias_jax.types import Array
 
 UNKNOWN = "not named"
+POOLED = ".pooled.json"
+"""How diagnoses of pooled logs are called, for the setup's name in them says of which robot they are."""
 
 
 class FleetLog(NamedTuple):
@@ -67,12 +71,16 @@ class Fleet(NamedTuple):
     """That have a manifest."""
     damaged: int
     """Lines of manifests that could not be read."""
+    pooled: Mapping[tuple[str, str], tuple[Course, ...]]
+    """(robot, sensor) -> how causes went on that its logs show together: ``ftbias diagnose --pool``."""
 
     def by_robot(self) -> dict[tuple[str, str], list[FleetLog]]:
         """Records by (robot, sensor), in the order of names."""
         groups: dict[tuple[str, str], list[FleetLog]] = {}
         for record in self.records:
             groups.setdefault((record.robot, record.sensor), []).append(record)
+        for group in self.pooled:
+            groups.setdefault(group, [])
         return dict(sorted(groups.items()))
 
 
@@ -101,7 +109,12 @@ def read_fleet(folders: Sequence[str]) -> Fleet:
             entries.setdefault((*name, log), []).append((place, entry))
     records = [_record(robot, sensor, of_log) for (robot, sensor, _), of_log in entries.items()]
     ordered = sorted(records, key=lambda record: (record.date, record.log))
-    return Fleet(tuple(ordered), tuple(settings.values()), tuple(place for place, _ in found), damaged)
+    known = {os.path.basename(one.setup): (one.robot or UNKNOWN, one.sensor) for one in settings.values()}
+    pooled: dict[tuple[str, str], tuple[Course, ...]] = {}
+    for path in sorted(path for folder in folders for path in Path(folder).rglob(f"*{POOLED}")):
+        of_setup, courses = load_courses(str(path))
+        pooled[known.get(of_setup, (of_setup, ""))] = courses
+    return Fleet(tuple(ordered), tuple(settings.values()), tuple(place for place, _ in found), damaged, pooled)
 
 
 def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]]) -> FleetLog:
