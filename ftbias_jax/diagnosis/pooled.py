@@ -98,9 +98,11 @@ def _each(problem: Problem) -> list[np.ndarray]:
 
 
 def share_in(columns: np.ndarray, error: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(H,) coefficients of columns (H, U, 6) that bring innovations (U, 6) nearest to zero, and their errors.
+    """(H,) coefficients of columns (H, U, 6), in standard deviations, that bring innovations (U, 6) nearest to zero.
 
-    The errors are widened where the scores of whole blocks scatter more than white noise would.
+    With (H,) their standard errors, and (U,) the numbers of blocks.
+
+    These are widened where the scores of whole blocks scatter more than white noise would.
     """
     flat = columns.reshape(len(columns), -1)
     normal = flat @ flat.T + 1e-12 * np.trace(flat @ flat.T) * np.eye(len(flat)) + 1e-300 * np.eye(len(flat))

@@ -113,6 +113,12 @@ def excess_by_chance(problem: Problem) -> float:
     return float(np.sqrt(2 * ((_weights(problem) * relative) ** 2).sum()) / 6)
 
 
+def excess_of_joints(problem: Problem) -> float:
+    """Mean square over the channels of what errors of the joints may make of the reading, in noise variances."""
+    coherent = np.concatenate([np.zeros((0, 6)), *(part.coherent for part in problem.parts)])
+    return float((_weights(problem)[: len(coherent)] * coherent / problem.noise_std**2).sum(0).mean())
+
+
 def excess_by_size(problem: Problem) -> float:
     """Standard error of the mean excess over the channels that the noise's size has, which was measured in the log."""
     share = (_weights(problem) * problem.variance).sum(0) / problem.noise_std**2
