@@ -8,7 +8,8 @@
     log = ft.read_log("log.npz", setup)
     check = ft.check_setup(setup, [log])                # print(check): units, signs, frames
     result = ft.filter_log(setup, log, smooth=True)     # result.bias, .bias_std, .wrench_unbiased, ...
-    results = ft.filter_log(setup, paths)               # many logs: one result each, results.errors
+    results = ft.filter_log(setup, paths)               # many logs: one result each, results.errors; executor=
+    found = ft.diagnose_each(setup, paths)              # the same; identify_each
     tuned = ft.tune(setup, [log])                       # tuned.setup
     found = ft.identify_tool(setup, log)                # found.setup
     made = ft.simulate(setup, {"gain": {}})             # made.log, made.truth
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from ftbias_jax.check.check_setup import check_setup
     from ftbias_jax.check.result import Check, Mistake
     from ftbias_jax.commissioning.calibrate import calibrate
+    from ftbias_jax.commissioning.each import diagnose_each, identify_each
     from ftbias_jax.commissioning.result import Calibrated
     from ftbias_jax.diagnosis.diagnose import diagnose
     from ftbias_jax.diagnosis.pooled import diagnose_pooled
@@ -64,6 +66,7 @@ if TYPE_CHECKING:
     from ftbias_jax.model.simulate_log import SimulationResult, Truth, simulate
     from ftbias_jax.planning.plan import plan
     from ftbias_jax.planning.result import Plan
+    from ftbias_jax.runtime.many import Results
     from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
     from ftbias_jax.simulators.sensor_file import load_sensor_model, sensor_model
     from ftbias_jax.simulators.sensor_model import SensorModel
@@ -93,6 +96,7 @@ __all__ = [
     "Plan",
     "Poses",
     "Repair",
+    "Results",
     "Sample",
     "SensorModel",
     "Setup",
@@ -107,10 +111,12 @@ __all__ = [
     "check_setup",
     "constrain",
     "diagnose",
+    "diagnose_each",
     "diagnose_pooled",
     "dump_setup",
     "filter_log",
     "filter_samples",
+    "identify_each",
     "identify_tool",
     "layout_of",
     "load_effects",
@@ -138,6 +144,7 @@ _MODULES = {
     "calibration.tune_result": "TuneResult",
     "calibration.tune_setup": "tune",
     "commissioning.calibrate": "calibrate",
+    "commissioning.each": "diagnose_each identify_each",
     "commissioning.result": "Calibrated",
     "diagnosis.diagnose": "diagnose",
     "diagnosis.pooled": "diagnose_pooled",
@@ -164,6 +171,7 @@ _MODULES = {
     "model.simulate_log": "SimulationResult Truth simulate",
     "planning.plan": "plan",
     "planning.result": "Plan",
+    "runtime.many": "Results",
     "setup": "Setup dump_setup load_setup parse_setup",
     "simulators.sensor_file": "load_sensor_model sensor_model",
     "simulators.sensor_model": "SensorModel",

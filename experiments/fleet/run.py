@@ -23,7 +23,8 @@ from ftbias_jax.cli.commands.demo import CENTER, EXCURSION, SETUP
 from ftbias_jax.fleet.alarms import alarms_of
 from ftbias_jax.fleet.entry import Entry
 from ftbias_jax.fleet.history import read_fleet
-from ftbias_jax.fleet.manifest import Manifest, read_manifests, save_table
+from ftbias_jax.fleet.manifest import Manifest, read_manifests
+from ftbias_jax.fleet.table import save_table
 from ftbias_jax.setup import dump_setup, parse_setup
 
 SAMPLES, RATE = 1500, 100.0

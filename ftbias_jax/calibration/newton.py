@@ -11,15 +11,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.runtime.jax_config import same_precision
+from ftbias_jax.runtime.many import do_all
 from ftbias_jax.types import Array
 
 LaneScore = Callable[[Array, Any], Array]
@@ -115,6 +115,8 @@ class Search(NamedTuple):
     """Called with (iteration, nats)."""
     total: Total = alone
     """Adds up the processes that tune together, see ``maximise``."""
+    executor: Executor | None = None
+    """Whose workers take parts of the data; None = threads do."""
 
     def starts(self, logs: np.ndarray) -> np.ndarray:
         """(1 + restarts, P) logarithms to start from."""
@@ -134,6 +136,7 @@ def maximise(
     total: Total = alone,
     leading: int = 1,
     small: float = SMALL_GAIN,
+    executor: Executor | None = None,
 ) -> Optimum:
     """Damped Newton iterations; needs double precision.
 
@@ -148,31 +151,45 @@ def maximise(
             the same steps, over all their parts from the start.
         leading: parts that lead the way at first; then 16 times as many, 256 times, and all of them.
         small: nats that a step may still promise at the end.
+        executor: whose workers take the parts; None = threads do.
     """
     fewest = leading if total is alone else len(parts)
     counts = [fewest * GROWTH**i for i in range(len(parts)) if fewest * GROWTH**i < len(parts)] + [len(parts)]
     smalls = [SMALL_GAIN_OF_PARTS] * (len(counts) - 1) + [small]
-    climbs = [_climb(partial(_evaluate, score, parts[: counts[0]], index, total), z, smalls[0], report) for z in starts]
+    climbs = [
+        _climb(partial(_evaluate, score, parts[: counts[0]], index, total, executor), z, smalls[0], report)
+        for z in starts
+    ]
     best = max(climbs, key=lambda climb: _finite(climb.at.value))
     agreeing = sum(climb.at.value > best.at.value - 2 * smalls[0] for climb in climbs)
     for count, small in zip(counts[1:], smalls[1:], strict=True):
-        best = _climb(partial(_evaluate, score, parts[:count], index, total), best.beyond, small, report)
+        best = _climb(partial(_evaluate, score, parts[:count], index, total, executor), best.beyond, small, report)
     stderr = standard_errors(best.at.information)
     reached = best.at.information, best.at.value, best.iterations, best.converged
     return Optimum(best.beyond, stderr, *reached, len(climbs), agreeing)
 
 
-def for_each(function: Callable[[Any], Any], parts: Sequence[Any]) -> list[Any]:
-    """A compiled function of every part of the data, some at a time; its results as numpy arrays."""
+def for_each(function: Callable[[Any], Any], parts: Sequence[Any], executor: Executor | None = None) -> list[Any]:
+    """A compiled function of every part of the data, some at a time; its results as numpy arrays.
 
-    def one(part: Any) -> Any:
-        return jax.tree.map(np.asarray, function(part))
-
+    Args:
+        function: of one part; can be pickled where there is an executor.
+        parts: of the data.
+        executor: whose workers take the parts; None = threads do.
+    """
+    one = partial(_in_numpy, function)
     if len(parts) == 1:
         return [one(parts[0])]
+    if executor is not None:
+        # On their way to a process that computes in float32, arrays of JAX lose their precision; those of numpy do not.
+        return do_all(one, [jax.tree.map(np.asarray, part) for part in parts], executor)
     first = one(parts[0])  # compiles, once
     with ThreadPoolExecutor(THREADS) as pool:
         return [first, *pool.map(same_precision(one), parts[1:])]
+
+
+def _in_numpy(function: Callable[[Any], Any], part: Any) -> Any:
+    return jax.tree.map(np.asarray, function(part))
 
 
 def standard_errors(information: np.ndarray) -> np.ndarray:
@@ -207,13 +224,15 @@ def _finite(value: float) -> float:
     return value if np.isfinite(value) else -np.inf
 
 
-def _evaluate(score: LaneScore, parts: Sequence[Any], index: np.ndarray, total: Total, z: np.ndarray) -> _Point:
+def _evaluate(
+    score: LaneScore, parts: Sequence[Any], index: np.ndarray, total: Total, executor: Executor | None, z: np.ndarray
+) -> _Point:
     """Value, gradient and minus Hessian, the latter by differences of gradients, all lanes at once."""
     K, P = len(index), len(z)
     x = z[index]
-    points = jnp.asarray(np.concatenate([x[None], x + DIFFERENCE * np.eye(K)[:, :, None]]))
+    points = np.concatenate([x[None], x + DIFFERENCE * np.eye(K)[:, :, None]])
     value, slope = 0.0, np.zeros(points.shape)
-    for values, slopes in for_each(partial(_values_and_slopes, score, points), parts):
+    for values, slopes in for_each(partial(_values_and_slopes, score, points), parts, executor):
         value, slope = value + float(values[0]), slope + slopes
     value, slope = total(value, slope)
     blocks = (slope[1:] - slope[0]) / DIFFERENCE  # (K, K, N)
@@ -225,9 +244,14 @@ def _evaluate(score: LaneScore, parts: Sequence[Any], index: np.ndarray, total: 
     return _Point(z, value, gradient, -(hessian + hessian.T) / 2)
 
 
-@partial(jax.jit, static_argnames="score")
 def _values_and_slopes(score: LaneScore, points: Array, part: Any) -> tuple[Array, Array]:
-    """Of (M, K, N) points: nats (M,) and their derivatives (M, K, N)."""
+    """Of (M, K, N) points: nats (M,) and their derivatives (M, K, N); what is compiled cannot be sent to workers."""
+    found: tuple[Array, Array] = _compiled(score, points, part)
+    return found
+
+
+@partial(jax.jit, static_argnames="score")
+def _compiled(score: LaneScore, points: Array, part: Any) -> tuple[Array, Array]:
     one = jax.value_and_grad(lambda x: score(x, part).sum())
     if len(points) <= GRADIENTS_AT_ONCE:
         return jax.vmap(one)(points)

@@ -177,7 +177,8 @@ def _fitted(
 ) -> tuple[Params, Fit]:
     """Parameters with the likeliest noise, which has a value for each lane, or one for those tied together; its fit."""
     lanes = np.array(list(index.values()))
-    fit = as_fit(index, newton.maximise(score, parts, search.starts(logs), lanes, search.report, search.total))
+    starts, by = search.starts(logs), search.executor
+    fit = as_fit(index, newton.maximise(score, parts, starts, lanes, search.report, search.total, executor=by))
     return with_values(params, fit), fit
 
 
@@ -197,7 +198,16 @@ def fit_common(
     """
     score = WrenchScore(tuple((name, tuple(map(int, lanes))) for name, lanes in index.items()))
     every, starts = np.arange(len(logs))[:, None], search.starts(logs)
-    return newton.maximise(score, parts, starts, every, search.report, leading=len(parts), small=newton.HARDLY_A_GAIN)
+    return newton.maximise(
+        score,
+        parts,
+        starts,
+        every,
+        search.report,
+        leading=len(parts),
+        small=newton.HARDLY_A_GAIN,
+        executor=search.executor,
+    )
 
 
 def stated_noise(params: Params) -> dict[str, Array]:

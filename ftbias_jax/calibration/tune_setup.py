@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -74,6 +75,7 @@ def tune(
     total: newton.Total = newton.alone,
     unchecked: bool = False,
     effects: Sequence[Effect] = (),
+    executor: Executor | None = None,
 ) -> TuneResult:
     """Fit the noise of joints, bias and sensor to logs by maximum likelihood.
 
@@ -97,6 +99,8 @@ def tune(
         total: adds up the processes that tune together, as ``distributed.total`` does.
         unchecked: do not look first whether the setups can be right (``check_setup``).
         effects: of your own that the setups state.
+        executor: whose workers take parts of the logs at every step of the fits, as of ``filter_log``; the parts are
+            sent to them each time. None = up to four threads do.
 
     Raises:
         UsageError: no log, or a name or share that does not exist.
@@ -122,7 +126,7 @@ def tune(
     fits: dict[str, Fit] = {}
     # The wrench needs the likeliest process noise of the joints, even if nobody asked for it.
     names = JOINT_NAMES if "joints" in fit else JOINT_NAMES[:1]
-    search = newton.Search(restarts, partial(report, "joints" if setup.pose is None else "pose"), total)
+    search = newton.Search(restarts, partial(report, "joints" if setup.pose is None else "pose"), total, executor)
     params, joints = tune_joints(first, list(chain(*seen)), dict.fromkeys(names, "each"), options, search)
     if "joints" in fit:
         fits["joints"] = joints

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from ftbias_jax.check import findings, poses
 from ftbias_jax.check.alternatives import all_alternatives
-from ftbias_jax.check.bins import WIDTH, bins_of, join_bins
+from ftbias_jax.check.bins import WIDTH, Bins, bins_of, join_bins
 from ftbias_jax.check.contact import UNTOUCHED, is_feigned, stamped, untouched
 from ftbias_jax.check.findings import absence, clocks, named, numbers, of_bias
 from ftbias_jax.check.judge import (
@@ -25,13 +28,16 @@ from ftbias_jax.check.judge import (
 from ftbias_jax.check.mounts import mount_in_degrees
 from ftbias_jax.check.regression import TRIMS, no_tool
 from ftbias_jax.check.result import Check, Mistake
-from ftbias_jax.check.state import FEWEST, Case, State, case_of_bins, make_case, stated
+from ftbias_jax.check.state import FEWEST, Case, State, case_of_bins, stated
 from ftbias_jax.check.undetermined import all_undetermined, undetermined
 from ftbias_jax.errors import LogError, UsageError
+from ftbias_jax.io import read_motion
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.types import Setup
 
+Source = Log | Poses | str | os.PathLike[str]
+"""A log, static poses, or the path of either."""
 MOST_MISTAKES = 2
 """That are looked for beside those of a recorded pose; the second one with the first one mended."""
 PART, MOST_PARTS = 1 << 17, 16
@@ -48,7 +54,7 @@ POSE_TIE = 0.1
 """Difference of scores within which two conventions of a pose do equally well."""
 
 
-def check_setup(setup: Setup, logs: Sequence[Log | Poses]) -> Check:
+def check_setup(setup: Setup, logs: Sequence[Source], *, executor: Executor | None = None) -> Check:
     """Whether a setup can be right, as far as logs show it: signs, units, frames, gravity, an offset.
 
     The wrench is fitted by least squares with the bias free, once as the setup states and once with each of a list of
@@ -58,17 +64,38 @@ def check_setup(setup: Setup, logs: Sequence[Log | Poses]) -> Check:
 
     Args:
         setup: what the robot's owner believes.
-        logs: of this robot, sensor and tool, as ``read_log`` gives them; or static poses, as ``read_poses`` does.
+        logs: of this robot, sensor and tool, as ``read_log`` gives them, or static poses, as ``read_poses`` does; or
+            their paths.
+        executor: whose workers read the logs of several and take from them what the check needs, as of ``filter_log``.
 
     Raises:
-        UsageError: there is no log, or logs of motion and static poses are mixed.
+        UsageError: there is no log, or logs of motion and static poses are mixed. LogError: one cannot be read.
     """
     if not logs:
         raise UsageError("there is no log to check", field="logs", remedy="give at least one")
-    if len({isinstance(log, Poses) for log in logs}) > 1:
+    alone = [_read(logs[0], setup)] if len(logs) == 1 else []
+    if executor is None or alone:
+        read = [_in_bins(setup, log) for log in alone or logs]
+    else:
+        from ftbias_jax.runtime.many import do_all
+
+        read = do_all(partial(_in_bins, setup), logs, executor)
+    bins, are_poses = zip(*read, strict=True)
+    if len(set(are_poses)) > 1:
         remedy = "check each kind by itself"
         raise UsageError("logs of motion and static poses are not checked together", field="logs", remedy=remedy)
-    return stamped(check_case(make_case(setup, logs), setup), setup, logs)
+    check = check_case(case_of_bins(setup, bins, are_poses[0]), setup)
+    return stamped(check, setup, alone[0]) if alone else check  # times of several logs differ
+
+
+def _read(source: Source, setup: Setup) -> Log | Poses:
+    return source if isinstance(source, Log | Poses) else read_motion(source, setup)
+
+
+def _in_bins(setup: Setup, source: Source) -> tuple[Bins, bool]:
+    """A log in bins, and whether it is one of static poses."""
+    log = _read(source, setup)
+    return bins_of(log, setup), isinstance(log, Poses)
 
 
 def require_right(
@@ -106,7 +133,7 @@ def check_case(case: Case | None, setup: Setup) -> Check:
     """The same from bins; None = too few of them.
 
     Args:
-        case: of ``make_case``.
+        case: of ``case_of_bins``.
         setup: of the logs.
     """
     if case is None:

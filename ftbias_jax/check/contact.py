@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -43,13 +42,12 @@ WINDOW, FEWEST = 0.3, 8
 """s, and samples of the wrench, to either side of a tare as bins show it, within which the reading steps."""
 
 
-def stamped(check: Check, setup: Setup, logs: Sequence[Log | Poses]) -> Check:
+def stamped(check: Check, setup: Setup, log: Log | Poses) -> Check:
     """The findings with the times of tares to the sample, as stamps of the log, and the key that states them.
 
-    A check of several logs, whose times differ, stays as it is, and so does that of static poses.
+    A check of static poses stays as it is.
     """
-    log = logs[0]
-    if len(logs) != 1 or isinstance(log, Poses):
+    if isinstance(log, Poses):
         return check
     return replace(check, findings=tuple(_stamped(found, setup, log) for found in check.findings))
 

@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.check.bins import Bins, bins_of, join_bins
+from ftbias_jax.check.bins import Bins, join_bins
 from ftbias_jax.check.motion import SensorMotion, arm_motion, body_motion, data_matrices, in_sensor
 from ftbias_jax.check.regression import Fit, Layout, Tool, fit, free_tool, make_layout, stated_tool
-from ftbias_jax.io.log import Log
-from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.require import orientation_alone, with_guessed_tool
 from ftbias_jax.setup.types import Setup, ToolSetup
 from ftbias_jax.types import Array
@@ -155,20 +153,15 @@ class Alternative:
     """It only makes the wrench or the tool larger or smaller."""
 
 
-def make_case(setup: Setup, logs: Sequence[Log | Poses]) -> Case | None:
-    """Bins of logs; None if there are too few.
+def case_of_bins(setup: Setup, parts: Sequence[Bins], are_poses: bool = False) -> Case | None:
+    """The case of several logs; None if their bins are too few.
 
     Args:
         setup: of all logs.
-        logs: as ``read_log`` gives them, or as ``read_poses`` does.
+        parts: the bins of each log.
+        are_poses: whether they are static poses.
     """
-    if any(isinstance(log, Poses) for log in logs):
-        setup = orientation_alone(setup)
-    return case_of_bins(setup, [bins_of(log, setup) for log in logs])
-
-
-def case_of_bins(setup: Setup, parts: Sequence[Bins]) -> Case | None:
-    """The same from bins, those of each log together."""
+    setup = orientation_alone(setup) if are_poses else setup
     bins = join_bins(parts)
     log = np.repeat(np.arange(len(parts)), [len(part.t) for part in parts])
     if bins.piece is not None:  # each has a bias of its own

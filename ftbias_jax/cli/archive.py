@@ -15,19 +15,22 @@ from ftbias_jax.errors import FtbiasError, UsageError, printable
 from ftbias_jax.fleet.entry import FAILED, LOSS, MISTAKES, OK, Entry, Settings, is_same, settings_of, state_of, with_sum
 from ftbias_jax.fleet.find import Task, find_logs, shard
 from ftbias_jax.fleet.manifest import (
+    Contents,
     Manifest,
+    contents_of,
     damaged_in_words,
     done_before,
     is_unchanged,
     manifest_name,
-    read_manifests,
-    save_table,
 )
-from ftbias_jax.io.atomic import make_folder, make_folder_inside
+from ftbias_jax.fleet.place import Place
+from ftbias_jax.fleet.table import save_table
+from ftbias_jax.io.atomic import make_folder_inside
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.outputs import check_outputs, check_replaceable
 from ftbias_jax.io.remote import check_patterns, forget, shown
-from ftbias_jax.io.write.ours import CHECK, DIAGNOSIS, PAGE, RESULT, SETUP, kind_of
+from ftbias_jax.io.write import written
+from ftbias_jax.io.write.ours import CHECK, DIAGNOSIS, PAGE, RESULT, SETUP
 from ftbias_jax.io.write.provenance import sha256_of
 from ftbias_jax.runtime.progress import Progress
 from ftbias_jax.setup import Setup
@@ -68,7 +71,7 @@ class Job(NamedTuple):
     """What a command does with every log; can be pickled."""
 
     settings: Settings
-    folder: str
+    place: Place
     """Of the results."""
     work: Work
     setup: Setup
@@ -110,24 +113,24 @@ def for_each_log(
         if getattr(arguments, option):
             name = f"--{option.replace('_', '-')}"
             raise UsageError("needs a single log and a file for its result", field=name, remedy="leave it out")
-    tasks, path = _find_tasks(arguments, setup, suffix, beside)
+    place = Place(arguments.output)
+    contents = contents_of(place)
+    tasks, name = _find_tasks(arguments, setup, suffix, beside, contents)
     own = tuple(getattr(arguments, "own_effects", ()))
     settings = settings_of(arguments.command, setup, asked, own)
-    job = Job(settings, arguments.output, work, setup, asked, own)
-    make_folder(job.folder)
-    contents = read_manifests(job.folder)
+    job = Job(settings, place, work, setup, asked, own)
     if contents.damaged:
         warn(f"{damaged_in_words(contents.damaged)}, their logs are done again")
-    before = done_before(job.folder, contents)
+    before = done_before(place, contents)
     entries: dict[str, Entry] = {}
     sizes: dict[str, int] = {}
-    with Manifest(path) as manifest:
+    with place.growing(name) as growing, Manifest(*growing) as manifest:
         if contents.settings.get(settings.key) != settings:
             manifest.add("settings", settings._asdict())
         for task in tasks:
             known, now = before.get(task.output), state_of(task.paths)
             same = is_same(known.state, now, task.paths) if known and known.settings == settings.key else None
-            if known and same and (not arguments.verify or is_unchanged(job.folder, known)):
+            if known and same and (not arguments.verify or is_unchanged(place, known)):
                 entry = known._replace(log=shown(task.log), files=tuple(map(shown, task.files)), state=same)
                 entries[task.output] = entry
                 if entry != known:
@@ -143,9 +146,10 @@ def for_each_log(
             progress(done)
     ordered = [entries[task.output] for task in tasks]
     print(_table(ordered, len(tasks) - len(waiting)))
-    table = f"{os.path.splitext(path)[0]}.parquet"
-    written = save_table(table, ordered, {**contents.settings, settings.key: settings})
-    print(f"wrote {path}{f' and {table}' if written else ''}")
+    table = f"{os.path.splitext(name)[0]}.parquet"
+    with place.writing() as folder:
+        saved = save_table(os.path.join(folder, table), ordered, {**contents.settings, settings.key: settings})
+    print(f"wrote {place.path(name)}{f' and {place.path(table)}' if saved else ''}")
     statuses = {entry.status for entry in ordered}
     if statuses == {FAILED} or MISTAKES in statuses:
         return 1
@@ -153,46 +157,40 @@ def for_each_log(
 
 
 def _find_tasks(
-    arguments: argparse.Namespace, setup: Setup, suffix: str, beside: Sequence[str]
+    arguments: argparse.Namespace, setup: Setup, suffix: str, beside: Sequence[str], contents: Contents
 ) -> tuple[list[Task], str]:
-    """The logs of this machine's share, and the path of its manifest; nothing would be written over an input."""
+    """The logs of this machine's share, and the name of its manifest; nothing would be written over an input."""
     if not setup.log.allow_outside:
         check_patterns(setup.log.files, setup.path)  # before anybody asks how large what they name is
-    (index, count), folder, command = arguments.shard, arguments.output, arguments.command
-    every = find_logs(arguments.logs, folder, suffix, setup.log.files)
-    manifest = os.path.join(folder, manifest_name(command, index, count))
-    outputs = {
-        f"the result of {task.log!r}{other and f' ({other})'}": os.path.join(
-            folder, task.output.removesuffix(suffix) + (other or suffix)
-        )
+    (index, count), place, command = arguments.shard, Place(arguments.output), arguments.command
+    every = find_logs(arguments.logs, place.root, suffix, setup.log.files)
+    manifest = manifest_name(command, index, count)
+    names = {
+        f"the result of {task.log!r}{other and f' ({other})'}": task.output.removesuffix(suffix) + (other or suffix)
         for task in every
         for other in ("", *beside)
     }
-    inputs = (*(path for task in every for path in task.paths), *setup.files)
-    check_outputs(outputs | {"the manifest": manifest}, inputs)
+    outputs = {what: os.path.join(place.root, name) for what, name in (*names.items(), ("the manifest", manifest))}
+    check_outputs(outputs, (*(path for task in every for path in task.paths), *setup.files))
     if not arguments.force:
-        _check_replaceable(folder, outputs.values(), CHECK if command == "check" else DIAGNOSIS)
+        known = {name for entry in contents.entries.values() for name in (entry.output, *entry.sums)}
+        answer = CHECK if command == "check" else DIAGNOSIS
+        _check_replaceable(place, place.sizes(name for name in names.values() if name not in known), answer)
     return shard(every, index, count), manifest
 
 
-def _check_replaceable(folder: str, outputs: Iterable[str], answer: str) -> None:
-    """Refuse a folder in which an output would replace what is neither in its manifests nor one by its content."""
-    written: set[str] | None = None
-    for path in filter(os.path.isfile, outputs):
-        kind = {".html": PAGE, ".toml": SETUP, ".json": answer}.get(os.path.splitext(path)[1], RESULT)
-        if kind_of(path) == kind:
-            continue
-        if written is None:
-            entries = read_manifests(folder).entries.values()
-            written = {name for entry in entries for name in (entry.output, *entry.sums)}
-        if os.path.relpath(path, folder) not in written:
-            check_replaceable(path, kind)
+def _check_replaceable(place: Place, names: Iterable[str], answer: str) -> None:
+    """Refuse files to be replaced, none of which the manifests know, that are none of ours by their content."""
+    for name in names:
+        kind = {".html": PAGE, ".toml": SETUP, ".json": answer}.get(os.path.splitext(name)[1], RESULT)
+        with place.reading(written(name)) as folder:
+            check_replaceable(os.path.join(folder, name), kind)
 
 
 def run_tasks(job: Job, tasks: Iterable[Task], jobs: int, executor: str | None = None) -> Iterator[Entry]:
     """Entries as they get ready, from this process (``jobs`` = 1), from so many, or from the workers of a cluster."""
     work = partial(do_task, job=job)
-    for task, entry in _with_cluster(executor, work, tasks, jobs) if executor else _here(work, tasks, jobs):
+    for task, entry in _on_cluster(executor, work, tasks, jobs) if executor else _here(work, tasks, jobs):
         killed = printable(f"{shown(task.log)}: {KILLED}")
         yield entry or _entry(task, job)._replace(error=killed, done=round(time.time(), 3))
 
@@ -206,7 +204,7 @@ def _here(work: Callable[[Task], Entry], tasks: Iterable[Task], jobs: int) -> It
     yield from run_each(work, tasks, jobs)
 
 
-def _with_cluster(
+def _on_cluster(
     name: str, work: Callable[[Task], Entry], tasks: Iterable[Task], jobs: int
 ) -> Iterator[tuple[Task, Entry | None]]:
     from ftbias_jax.runtime.executors import IN_FLIGHT, executor_of, run_with
@@ -217,25 +215,27 @@ def _with_cluster(
 
 def do_task(task: Task, job: Job) -> Entry:
     """Work on one log; what goes wrong is in the entry, because the other logs go on."""
-    started, output = time.perf_counter(), os.path.join(job.folder, task.output)
-    entry = _entry(task, job)
+    started, entry = time.perf_counter(), _entry(task, job)
     try:
         entry = entry._replace(state=with_sum(state_of(task.paths), task.paths))
-        make_folder_inside(job.folder, os.path.dirname(output))
         setup = job.setup
         if job.own:
             from ftbias_jax.model.own_effects import load_all
 
             setup = setup.with_effects(load_all(job.own))
-        done = job.work(task.log, output, setup, job.asked)
-        entry = entry._replace(
-            status=done.status,
-            repairs=tuple(map(printable, done.remarks)),
-            samples=done.samples,
-            output_bytes=os.path.getsize(output),
-            quality=done.quality,
-            sums={os.path.relpath(path, job.folder): sha256_of(path) or "" for path in (output, *done.beside)},
-        )
+        with job.place.writing() as folder:
+            output = os.path.join(folder, task.output)
+            make_folder_inside(folder, os.path.dirname(output))
+            done = job.work(task.log, output, setup, job.asked)
+            found = entry._replace(
+                status=done.status,
+                repairs=tuple(map(printable, done.remarks)),
+                samples=done.samples,
+                output_bytes=os.path.getsize(output),
+                quality=done.quality,
+                sums={os.path.relpath(path, folder): sha256_of(path) or "" for path in (output, *done.beside)},
+            )
+        entry = found
     except FtbiasError as error:
         entry = entry._replace(error=str(error))
     except Exception as error:  # a bug, or no memory: this log's alone

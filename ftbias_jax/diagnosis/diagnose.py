@@ -97,7 +97,11 @@ def explain(
     unchecked: bool = False,
     progress: Callable[[str], None] = silent,
 ) -> tuple[Diagnosis, Answer]:
-    """The diagnosis, and the fits that it tells of; arguments as of ``diagnose``."""
+    """The diagnosis, and the fits that it tells of; arguments as of ``diagnose``.
+
+    Raises:
+        UsageError and others: as of ``diagnose``.
+    """
     names = names or [f"log {i}" for i in range(1, len(logs) + 1)]
     if not logs or len(names) != len(logs):
         message = f"got {len(logs)} logs and {len(names)} names"

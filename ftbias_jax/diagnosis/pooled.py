@@ -21,7 +21,9 @@ from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, FEWEST_POOLED, LEAST_
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io.cleaning import slices, survey
 from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.fitting import SUDDEN
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.types import Setup
@@ -62,7 +64,10 @@ def diagnose_pooled(
     names = names or [f"log {i + 1}" for i in range(len(logs))]
     logs, names, stamped = [logs[i] for i in order], [names[i] for i in order], stamped[order]
     count = int(np.clip(POOLED_SHARE * len(logs), FEWEST_POOLED, MOST_POOLED))
-    diagnosis, answer = diagnose.explain(setup, logs[-count:], names[-count:], {*without, TERM}, unchecked, progress)
+    # What happens in a moment of one log is no cause that logs share, but takes up what varies between them.
+    moments = {effect.name for effect in catalogue_of_setup(setup).searched_by(*SUDDEN)}
+    left_out = {*without, *moments, TERM}
+    diagnosis, answer = diagnose.explain(setup, logs[-count:], names[-count:], left_out, unchecked, progress)
     progress("measuring causes in every log")
     accepted = answer.accepted
     told = [h.effect for h in accepted.hypotheses if not h.shapes]

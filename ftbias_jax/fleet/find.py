@@ -61,14 +61,15 @@ def inputs(logs: Sequence[str], patterns: Patterns) -> list[str]:
 def find_logs(arguments: Sequence[str], folder: str, suffix: str, patterns: Patterns = ONE_FILE) -> list[Task]:
     """The logs that paths, folders and patterns name, sorted; each has its own result.
 
-    The folder of the results, which have a suffix of their own, is not searched. With patterns, [log.files] of the
+    The folder of the results, a path or a URL, is not searched. With patterns, [log.files] of the
     setup, the file of the wrench names the log and its result.
 
     Raises:
         UsageError: an argument names no log, or two logs would have one result. LogError: a folder cannot be read, or
             a result would not be in the folder.
     """
-    named = [_named_by(argument, os.path.realpath(folder), patterns) for argument in arguments]
+    results = f"{folder.rstrip('/')}/" if is_url(folder) else os.path.realpath(folder)
+    named = [_named_by(argument, results, patterns) for argument in arguments]
     found = {os.path.abspath(log): log for _, logs in named for log in logs}
     base = os.path.commonpath([os.path.abspath(root) for root, _ in named])
     tasks: dict[str, Task] = {}
@@ -106,10 +107,11 @@ def _named_by(argument: str, folder: str, patterns: Patterns) -> tuple[str, list
 def _logs_of(argument: str, folder: str) -> tuple[str, list[str]]:
     """The folder under which an argument's results keep their places, and its logs."""
     if is_url(argument):
-        folder, slash, _ = shown(argument).partition("*")
-        single = not slash and _is_log(folder)
-        found = [argument] if single else [log for log in listed(argument) if _is_log(log)]
-        return os.path.dirname(folder) if slash or found == [argument] else folder, found
+        root, slash, _ = shown(argument).partition("*")
+        single = not slash and _is_log(root)
+        results = (folder, shown(folder)) if is_url(folder) else ()
+        found = [argument] if single else [x for x in listed(argument) if _is_log(x) and not x.startswith(results)]
+        return os.path.dirname(root) if slash or found == [argument] else root, found
     if not glob.has_magic(argument) or os.path.exists(argument):
         is_log = not os.path.isdir(argument) or _is_bag(argument)
         return (os.path.dirname(os.path.abspath(argument)) if is_log else argument), _walk(argument, folder)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +12,8 @@ from ftbias_jax.diagnosis.report.as_json import load_courses
 from ftbias_jax.diagnosis.result import Course
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.entry import FAILED, LOSS, OK, Entry, Settings, seconds_of
-from ftbias_jax.fleet.manifest import read_manifests
+from ftbias_jax.fleet.manifest import Contents, read_manifests
+from ftbias_jax.fleet.place import Place
 from ftbias_jax.types import Array
 
 UNKNOWN = "not named"
@@ -38,7 +38,7 @@ class FleetLog(NamedTuple):
     quality: Mapping[str, Any]
     """Of all commands together."""
     report: str
-    """Path of the report of its diagnosis; "" = there is none."""
+    """Path or URL of the report of its diagnosis; "" = there is none."""
 
     def numbers(self, name: str, count: int = 6) -> Array:
         """(count,) numbers of the quality; NaN where there are none."""
@@ -90,10 +90,16 @@ def read_fleet(folders: Sequence[str]) -> Fleet:
     Raises:
         UsageError: there is no manifest. LogError: one is larger than manifests get.
     """
-    found = []
-    for folder in folders:
-        places = {os.path.dirname(path) for path in map(str, Path(folder).rglob("manifest*.json*"))}
-        found += [(place, read_manifests(place)) for place in sorted(places)]
+    found, reports, courses = list[tuple[str, Contents]](), set[str](), dict[str, tuple[Course, ...]]()
+    for archive in map(Place, folders):
+        names, together = archive.named(), archive.named(f"*{POOLED}")
+        with archive.reading([*names, *together]) as here:
+            courses |= dict(load_courses(os.path.join(here, name)) for name in together)
+            inner = sorted(set(map(os.path.dirname, names)))
+            read = [(folder, read_manifests(os.path.join(here, folder))) for folder in inner]
+        pages = {os.path.join(folder, _report_of(entry)) for folder, some in read for entry in some.entries.values()}
+        reports |= set(map(archive.path, archive.sizes(pages)))
+        found += [(archive.path(folder), contents) for folder, contents in read]
     damaged = sum(contents.damaged for _, contents in found)
     found = [(place, contents) for place, contents in found if contents.entries]
     if not found:
@@ -107,18 +113,27 @@ def read_fleet(folders: Sequence[str]) -> Fleet:
             log = entry.state.sha256 or os.path.abspath(entry.log)
             name = (used.robot, used.sensor) if used else ("", "")
             entries.setdefault((*name, log), []).append((place, entry))
-    records = [_record(robot, sensor, of_log) for (robot, sensor, _), of_log in entries.items()]
+    records = [_record(robot, sensor, of_log, reports) for (robot, sensor, _), of_log in entries.items()]
     ordered = sorted(records, key=lambda record: (record.date, record.log))
     known = {os.path.basename(one.setup): (one.robot or UNKNOWN, one.sensor) for one in settings.values()}
-    pooled: dict[tuple[str, str], tuple[Course, ...]] = {}
-    for path in sorted(path for folder in folders for path in Path(folder).rglob(f"*{POOLED}")):
-        of_setup, courses = load_courses(str(path))
-        pooled[known.get(of_setup, (of_setup, ""))] = courses
+    pooled = {known.get(of_setup, (of_setup, "")): some for of_setup, some in courses.items()}
     return Fleet(tuple(ordered), tuple(settings.values()), tuple(place for place, _ in found), damaged, pooled)
 
 
-def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]]) -> FleetLog:
-    """One log, of which several commands have an entry each; the latest one counts where they disagree."""
+def _report_of(entry: Entry) -> str:
+    """Where the report of a log is from the folder of its manifest, if there is one."""
+    return f"{os.path.splitext(entry.output)[0]}.html"
+
+
+def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]], there: Collection[str]) -> FleetLog:
+    """One log, of which several commands have an entry each; the latest one counts where they disagree.
+
+    Args:
+        robot: its name.
+        sensor: its name.
+        entries: each with the place of its manifest.
+        there: paths of reports that are there.
+    """
     placed = sorted(entries, key=lambda item: item[1].done)
     every = [entry for _, entry in placed]
     quality: dict[str, Any] = {}
@@ -126,7 +141,7 @@ def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]]) -> Fl
         quality |= {name: value for name, value in entry.quality.items() if value is not None or name not in quality}
     statuses = {entry.status for entry in every}
     date = quality.get("date")
-    reports = [os.path.join(place, f"{os.path.splitext(entry.output)[0]}.html") for place, entry in placed]
+    reports = [Place(place).path(_report_of(entry)) for place, entry in placed]
     return FleetLog(
         log=every[-1].log,
         robot=robot or UNKNOWN,
@@ -136,5 +151,5 @@ def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]]) -> Fl
         status=FAILED if FAILED in statuses else LOSS if LOSS in statuses else OK,
         troubles=tuple(dict.fromkeys(x for e in every for x in ((e.error,) if e.error else e.repairs))),
         quality=quality,
-        report=next((path for path in reversed(reports) if os.path.isfile(path)), ""),
+        report=next((path for path in reversed(reports) if path in there), ""),
     )

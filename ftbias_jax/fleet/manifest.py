@@ -2,31 +2,32 @@
 
 A line costs the same for the first log and for the ten thousandth, and a process that is killed in the middle of one
 loses that line alone. Of several lines about one result the last one holds. Other lines say what the logs were worked
-on with (``settings``, once for each) and that a run began (``run``). Beside it there is a table for pandas, Polars or
-DuckDB, with a row a log and a column a number.
+on with (``settings``, once for each) and that a run began (``run``).
 """
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import json
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ftbias_jax.errors import LogError, OutputError
 from ftbias_jax.files import no_regular_file, open_to_append
-from ftbias_jax.fleet.entry import DONE, VECTORS, Entry, LogState, Settings, read_entry, read_settings
-from ftbias_jax.io.atomic import refuse_link, write_atomic
+from ftbias_jax.fleet.entry import DONE, Entry, LogState, Settings, read_entry, read_settings
+from ftbias_jax.fleet.place import Place
+from ftbias_jax.io.atomic import refuse_link
+from ftbias_jax.io.remote import is_url
 from ftbias_jax.io.write.provenance import sha256_of
-from ftbias_jax.types import AXES
 
 SYNC_SECONDS = 1.0
 """Lines are flushed to disk at least so often; logs done since are done again if the machine loses its power."""
+PUBLISH_SECONDS = 5.0
+"""The same of lines that go to a bucket; logs done since are done again if the process is killed."""
 LONGEST_LINE = 2**20
 """Bytes; a line of one log has about a thousand."""
 DAMAGED = (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError)
@@ -51,13 +52,14 @@ class Manifest:
 
     Args:
         path: of the file, which is made if it is not there.
+        publish: called every PUBLISH_SECONDS if the file is a copy of what is elsewhere.
 
     Raises:
         OutputError: it cannot be written; every method raises it, too.
     """
 
-    def __init__(self, path: str) -> None:
-        self.path = path
+    def __init__(self, path: str, publish: Callable[[], None] | None = None) -> None:
+        self.path, self._publish = path, publish
         self._synced = time.monotonic()
         refuse_link(path)
         with _errors_of(path):
@@ -71,8 +73,9 @@ class Manifest:
         with _errors_of(self.path):
             self._file.write(line.encode())
             self._file.flush()
-            if time.monotonic() > self._synced + SYNC_SECONDS:
-                os.fsync(self._file.fileno())
+            # A run whose manifest cannot be written ends before minutes are spent on it.
+            if kind == "run" or time.monotonic() > self._synced + (PUBLISH_SECONDS if self._publish else SYNC_SECONDS):
+                (self._publish or partial(os.fsync, self._file.fileno()))()
                 self._synced = time.monotonic()
 
     def add_entry(self, entry: Entry) -> None:
@@ -131,21 +134,34 @@ def damaged_in_words(count: int) -> str:
     return f"{count} {'lines' if count > 1 else 'line'} of the manifest could not be read"
 
 
-def done_before(folder: str, contents: Contents) -> dict[str, Entry]:
+def contents_of(place: Place) -> Contents:
+    """What the manifests of an archive say, not those of archives below it.
+
+    Raises:
+        LogError: one cannot be read, or is larger than manifests get.
+    """
+    if not is_url(place.root):
+        return read_manifests(place.root)
+    with place.reading(name for name in place.named() if not os.path.dirname(name)) as folder:
+        return read_manifests(folder)
+
+
+def done_before(place: Place, contents: Contents) -> dict[str, Entry]:
     """The entries whose results are there, by the paths of the results."""
     done = {path: entry for path, entry in contents.entries.items() if entry.status in DONE}
-    sizes = {path: Path(folder, path).stat().st_size for path in done if Path(folder, path).is_file()}
+    sizes = place.sizes(done)
     return {path: entry for path, entry in done.items() if sizes.get(path) == entry.output_bytes}
 
 
-def is_unchanged(folder: str, entry: Entry) -> bool:
+def is_unchanged(place: Place, entry: Entry) -> bool:
     """Whether all files that were written for a log still have the content that they had then; they are read.
 
     Of an entry without sums, as earlier versions wrote it, nothing is known of its files.
     """
-    files = {os.path.join(folder, name): expected for name, expected in entry.sums.items()}
-    same = (os.path.isfile(path) and sha256_of(path) == expected for path, expected in files.items())
-    return entry.output in entry.sums and all(same)
+    with place.reading(entry.sums) as folder:
+        files = {os.path.join(folder, name): expected for name, expected in entry.sums.items()}
+        same = (os.path.isfile(path) and sha256_of(path) == expected for path, expected in files.items())
+        return entry.output in entry.sums and all(same)
 
 
 def read_lines(path: Path) -> Iterator[Entry | Settings | None]:
@@ -220,47 +236,3 @@ def _ends_in_the_middle(path: str) -> bool:
         size = file.seek(0, os.SEEK_END)
         file.seek(max(size - 1, 0))
         return size > 0 and file.read(1) != b"\n"
-
-
-def columns(entries: Sequence[Entry], settings: Mapping[str, Settings]) -> dict[str, list[Any]]:
-    """Columns by name, a row an entry; (6,) numbers have a column an axis, words of a list are separated by ``; ``."""
-    rows = [_row(entry, settings.get(entry.settings)) for entry in entries]
-    names = dict.fromkeys(name for row in rows for name in row)
-    return {name: [row.get(name) for row in rows] for name in names}
-
-
-def save_table(path: str, entries: Sequence[Entry], settings: Mapping[str, Settings]) -> bool:
-    """Write the table as Parquet, whole or not at all; False if there is no pyarrow (extra ``parquet``).
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    if importlib.util.find_spec("pyarrow") is None:
-        return False
-    arrow, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
-    table = arrow.table(columns(entries, settings))
-    write_atomic(path, lambda file: parquet.write_table(table, file))
-    return True
-
-
-def _row(entry: Entry, settings: Settings | None) -> dict[str, Any]:
-    row: dict[str, Any] = {**entry._asdict(), "repairs": "; ".join(entry.repairs), "files": "; ".join(entry.files)}
-    state, quality, sums = (row.pop(name) for name in ("state", "quality", "sums"))
-    row["output_sha256"] = sums.get(entry.output, "")
-    row |= {f"log_{name}": value for name, value in state._asdict().items()}
-    if settings is not None:
-        told = {name: getattr(settings, name) for name in ("robot", "sensor", "setup", "setup_sha256", "version")}
-        row |= told | {"choices": json.dumps(settings.choices, sort_keys=True)}
-    for name, value in quality.items():
-        if isinstance(value, list) and VECTORS.get(name) == len(AXES):
-            numbers = {f"{name}_{axis}": number for axis, number in zip(AXES, value, strict=True)}
-        else:
-            numbers = {name: "; ".join(map(str, value)) if isinstance(value, list) else value}
-        for column, number in numbers.items():  # a column has one type
-            row.setdefault(column, float(number) if isinstance(number, int) else number)
-    return {_utf8(name): _utf8(value) if isinstance(value, str) else value for name, value in row.items()}
-
-
-def _utf8(text: str) -> str:
-    r"""Text that a table can hold; bytes of a file's name that are no UTF-8 are written as ``\udcXX``."""
-    return text.encode("utf-8", "backslashreplace").decode()

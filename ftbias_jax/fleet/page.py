@@ -20,6 +20,7 @@ from ftbias_jax.fleet.entry import FAILED, LOSS
 from ftbias_jax.fleet.history import Fleet, FleetLog
 from ftbias_jax.fleet.manifest import damaged_in_words
 from ftbias_jax.fleet.plots import plot_history, plot_marks
+from ftbias_jax.io.remote import is_url
 from ftbias_jax.types import AXES, AXIS_UNITS
 
 MOST_ROWS = 200
@@ -143,7 +144,9 @@ def _gaps(records: Sequence[FleetLog], folder: str) -> str:
         )
         log = escape(record.log)
         if record.report:
-            path = quote(os.fsencode(os.path.relpath(record.report, folder or ".")))
+            near = is_url(record.report) == is_url(folder)
+            place = os.path.relpath(record.report, folder or ".") if near else record.report
+            path = quote(os.fsencode(place), safe="/:" if is_url(place) else "/")
             log = f'<a href="{escape(path)}">{log}</a>'
         rows.append(f'<tr><th scope="row">{log}</th>{"".join(f"<td>{escape(cell)}</td>" for cell in cells)}</tr>')
     head = ("log", "robot", "date", "verdict", "found", "gap [noise sigmas]", "shrinks by")

@@ -14,12 +14,12 @@ import hashlib
 import os
 import re
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 from urllib.parse import unquote
 
-from ftbias_jax.errors import LogError, SetupError
+from ftbias_jax.errors import LogError, OutputError, SetupError
 from ftbias_jax.files import keep_temporary_folder, remove_temporary_folder
 from ftbias_jax.io.limits.budget import need
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES
@@ -100,7 +100,7 @@ def size_and_time(url: str) -> tuple[int, int]:
     A time that is not known is that of now, so that nothing counts as unchanged because of it.
     """
     try:
-        system, path = need("fsspec", "remote").core.url_to_fs(url)
+        system, path = store_of(url)
         return int(system.info(path)["size"] or 0), int(system.modified(path).timestamp() * 1e9)
     except Exception:  # every kind of store has exceptions of its own; whoever reads the file tells what is wrong
         return 0, time.time_ns()
@@ -108,22 +108,46 @@ def size_and_time(url: str) -> tuple[int, int]:
 
 def listed(url: str) -> list[str]:
     """URLs of the files that fit a pattern with *, or that are in and below a folder; otherwise the URL itself."""
-    with _told(url):
-        system, path = need("fsspec", "remote", shown(url)).core.url_to_fs(url)
+    with told(url):
+        system, path = store_of(url)
         if "*" not in path and not system.isdir(path):
             return [url]
         found = [str(name) for name in (system.glob(path) if "*" in path else system.find(path))]
-    for name in found:
-        if not is_below(name, str(path)):
-            remedy = "give the URLs of the logs themselves"
-            message = f"its listing names {shown(name)!r}, which is not in it"
-            raise LogError(message, file=shown(url), remedy=remedy)
+    _check_listing(found, path, url)
     # Some stores have the host in their names, as buckets; others lose it.
     scheme, _, rest = url.partition("://")
     host, _, inner = rest.partition("/")
-    lost = host and unquote(str(path)).strip("/") == unquote(inner).strip("/")
+    lost = host and unquote(path).strip("/") == unquote(inner).strip("/")
     start = f"{scheme}://{host}/"
     return sorted(start + name.lstrip("/") if lost else str(system.unstrip_protocol(name)) for name in found)
+
+
+def sizes_below(url: str) -> dict[str, int]:
+    """Bytes of the files in and below a folder, by their names from there, as the store has them now."""
+    with told(url):
+        system, path = store_of(url)
+        system.invalidate_cache()
+        try:
+            found = {str(name): int(info["size"] or 0) for name, info in system.find(path, detail=True).items()}
+        except FileNotFoundError:
+            return {}
+    _check_listing(found, path, url)
+    start = f"{path.rstrip('/')}/"
+    return {name.removeprefix(start): size for name, size in found.items() if name.startswith(start)}
+
+
+def store_of(url: str) -> tuple[Any, str]:
+    """The file system of fsspec that a URL names, and the path in it."""
+    system, path = need("fsspec", "remote", shown(url)).core.url_to_fs(url)
+    return system, str(path)
+
+
+def _check_listing(found: Iterable[str], path: str, url: str) -> None:
+    for name in found:
+        if not is_below(name, path):
+            remedy = "give the URLs of the logs themselves"
+            message = f"its listing names {shown(name)!r}, which is not in it"
+            raise LogError(message, file=shown(url), remedy=remedy)
 
 
 def forget() -> None:
@@ -140,7 +164,7 @@ atexit.register(forget)
 def _copy(url: str, target: str) -> str:
     """Copy to a file; returns the SHA-256."""
     digest, count = hashlib.sha256(), 0
-    with _told(url):
+    with told(url):
         fsspec: Any = need("fsspec", "remote", shown(url))
         with fsspec.open(url, "rb") as remote, open(target, "wb") as file:
             while chunk := remote.read(BYTES_AT_ONCE):
@@ -154,20 +178,19 @@ def _copy(url: str, target: str) -> str:
 
 
 @contextmanager
-def _told(url: str) -> Iterator[None]:
-    """What fsspec and its stores raise, as an error that names the URL."""
+def told(url: str, kind: type[LogError | OutputError] = LogError) -> Iterator[None]:
+    """What fsspec and its stores raise, as an error that names the URL: LogError of what is read, or OutputError."""
+    done = "read" if kind is LogError else "written"
     try:
         yield
-    except LogError:
+    except (LogError, OutputError):
         raise
     except ImportError as error:  # s3fs, gcsfs, aiohttp, ...
         message, remedy = f"its store needs another package: {error}", "install that package"
-        raise LogError(message, file=shown(url), remedy=remedy) from error
+        raise kind(message, file=shown(url), remedy=remedy) from error
     except Exception as error:  # every kind of store has exceptions of its own
-        words = _without_secrets(str(error), url) or type(error).__name__
-        raise LogError(
-            f"cannot be read: {words}", file=shown(url), remedy="check the URL and who may read it"
-        ) from error
+        words, remedy = _without_secrets(str(error), url) or type(error).__name__, "check the URL and your rights there"
+        raise kind(f"cannot be {done}: {words}", file=shown(url), remedy=remedy) from error
 
 
 def _without_secrets(words: str, url: str) -> str:

@@ -24,6 +24,14 @@ PATIENCE = 20
 """s in which a scheduler must answer."""
 
 
+class Own(Executor):
+    """An executor of this package, which can look after a task whose worker was lost."""
+
+    def again(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
+        """Submit such a task so that it takes no other down with it."""
+        raise NotImplementedError
+
+
 def run_with(
     executor: Executor, work: Callable[[Task], Result], tasks: Iterable[Task], in_flight: int = IN_FLIGHT
 ) -> Iterator[tuple[Task, Result | None]]:
@@ -31,18 +39,19 @@ def run_with(
 
     Args:
         executor: the caller's own, which stays open.
-        work: what to do, in float64; can be pickled, raises nothing.
+        work: what to do, in float64; can be pickled. What it raises is raised here.
         tasks: each once; taken from a generator as workers get free.
         in_flight: tasks at a time.
 
     Raises:
         UsageError: the executor takes no more tasks.
     """
-    waiting, flying = iter(tasks), dict[Future[Result], tuple[Task, int]]()
+    waiting, flying = iter(tasks), dict[Future[tuple[Result | None, Exception | None]], tuple[Task, int]]()
 
     def submit(task: Task, tried: int) -> None:
+        how = executor.again if tried and isinstance(executor, Own) else executor.submit
         try:
-            flying[executor.submit(_in_float64, work, task)] = task, tried + 1
+            flying[how(_in_float64, work, task)] = task, tried + 1
         except (BrokenExecutor, RuntimeError) as error:
             message = f"the executor takes no more tasks: {error}"
             raise UsageError(message, field="executor", remedy="start it again; what is done stays done") from error
@@ -55,15 +64,22 @@ def run_with(
         for future in wait(flying, return_when=FIRST_COMPLETED).done:
             task, tried = flying.pop(future)
             if future.exception() is None:
-                yield task, future.result()
+                result, error = future.result()
+                if error is not None:
+                    raise error
+                yield task, result
             elif tried < TRIES:
                 submit(task, tried)
             else:
                 yield task, None
 
 
-def _in_float64(work: Callable[[Task], Result], task: Task) -> Result:
-    return in_float64(work)(task)
+def _in_float64(work: Callable[[Task], Result], task: Task) -> tuple[Result | None, Exception | None]:
+    """The result, or what the work raised: an exception of its own is no loss of a worker."""
+    try:
+        return in_float64(work)(task), None
+    except Exception as error:
+        return None, error
 
 
 @contextmanager

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from typing import TypeVar
+from typing import Any, TypeVar
 
+from ftbias_jax.runtime.executors import Own, run_with
 from ftbias_jax.runtime.jax_config import prepare_jax
 from ftbias_jax.runtime.signals import (
     end_on_signals,
@@ -33,33 +33,37 @@ def run_each(work: Callable[[Task], Result], tasks: Iterable[Task], jobs: int) -
     if jobs == 1:
         yield from ((task, work(task)) for task in tasks)
         return
-    waiting = deque(tasks)
-    while waiting:
-        flying: dict[Future[Result], Task] = {}
-        try:
-            with _pool(jobs) as pool:
-                while waiting or flying:
-                    while waiting and len(flying) < jobs:
-                        with interrupts_blocked():  # submitting starts processes
-                            future = pool.submit(work, waiting[0])  # a broken pool takes none: the task still waits
-                        flying[future] = waiting.popleft()
-                    for future in wait(flying, return_when=FIRST_COMPLETED).done:
-                        yield flying[future], future.result()
-                        del flying[future]
-        except BrokenProcessPool:
-            stop_if_ending()
-            # The system killed a process, and all in the pool are lost with it: the guilty one shows when it is alone.
-            for task in flying.values():
-                yield task, _alone(work, task)
+    with Processes(jobs) as processes:
+        yield from run_with(processes, work, tasks, jobs)
 
 
-def _alone(work: Callable[[Task], Result], task: Task) -> Result | None:
-    try:
-        with _pool(1) as pool:
-            return pool.submit(work, task).result()
-    except BrokenProcessPool:
+class Processes(Own):
+    """So many processes, and new ones where the system killed one, for all are lost with it."""
+
+    def __init__(self, jobs: int) -> None:
+        self._jobs, self._pool = jobs, _pool(jobs)
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """As of every executor."""
+        with interrupts_blocked():  # submitting starts processes
+            try:
+                return self._pool.submit(fn, *args, **kwargs)
+            except BrokenProcessPool:
+                self._pool = _pool(self._jobs)
+                return self._pool.submit(fn, *args, **kwargs)
+
+    def again(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
+        """A task whose process was lost, in one of its own: the guilty one shows when it is alone."""
         stop_if_ending()
-        return None
+        with _pool(1) as pool:
+            future = pool.submit(fn, *args)
+            wait([future])
+        stop_if_ending()
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """As of every executor."""
+        self._pool.shutdown(wait, cancel_futures=cancel_futures)
 
 
 def _pool(jobs: int) -> ProcessPoolExecutor:

@@ -1,5 +1,8 @@
 """Newton's iterations on problems whose optimum is known."""
 
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -76,6 +79,27 @@ def test_parts_of_the_data_lead_to_the_optimum_of_all():
     np.testing.assert_allclose(best.logs, centre, atol=1e-4)
     np.testing.assert_allclose(best.value, -2 * np.cosh(centre - np.array(pulls)).sum(), atol=newton.SMALL_GAIN)
     np.testing.assert_allclose(best.information, [[2 * np.cosh(centre - np.array(pulls)).sum()]], rtol=1e-3)
+
+
+class Pickling(ThreadPoolExecutor):
+    """What it is given goes through pickle, as on the way to another process."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        return super().submit(*pickle.loads(pickle.dumps((fn, *args))))
+
+
+def test_workers_of_an_executor_lead_to_the_same_optimum():
+    parts = [np.array([i - 4.0, 2.0]) for i in range(9)]
+    alone = newton.maximise(valley, parts, np.zeros(2)[None], EACH[:, :1] // 4)
+    with Pickling(2) as executor:
+        best = newton.maximise(valley, parts, np.zeros(2)[None], EACH[:, :1] // 4, executor=executor)
+    assert best.converged
+    np.testing.assert_array_equal(best.logs, alone.logs)
+
+
+def valley(x, part):
+    """Each part has a valley of its own."""
+    return banana(x) - part[1] * (x[0] - part[0]) ** 2
 
 
 def test_the_best_of_several_starts_and_how_many_agree():

@@ -2,6 +2,7 @@
 
 import json
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -379,3 +380,29 @@ def test_a_turned_sensor_is_found_on_a_tool_that_hangs_on_a_weight_balancer(P):
     pulled_by(tables, arrays, (1.0, 0.0, 1.0), (0.0, 0.0, 0.1))
     turned(P)(tables, arrays)
     assert names(checked(tables, arrays)) == ["sensor_axes"]
+
+
+@pytest.fixture
+def several(tmp_path):
+    """A setup whose mass is wrong in sign of the reading, and logs of it as files."""
+    tables, arrays = right_log(seed=5)
+    arrays["wrench"] = -arrays["wrench"]
+    setup = ft.parse_setup(tables)
+    paths = [tmp_path / f"{i}.npz" for i in range(3)]
+    for path in paths:
+        np.savez(path, **arrays)
+    return setup, paths
+
+
+def test_workers_of_an_executor_read_logs_for_the_same_answer(several):
+    setup, paths = several
+    logs = [ft.read_log(path, setup) for path in paths]
+    expected = ft.check_setup(setup, logs)
+    assert names(expected) == ["sign"]
+    with ThreadPoolExecutor(2) as executor:
+        assert (
+            str(ft.check_setup(setup, paths, executor=executor)) == str(ft.check_setup(setup, paths)) == str(expected)
+        )
+        assert str(ft.check_setup(setup, paths[:1], executor=executor)) == str(ft.check_setup(setup, logs[:1]))
+        with pytest.raises(ft.LogError, match=r"none.npz"):
+            ft.check_setup(setup, [*paths, "none.npz"], executor=executor)

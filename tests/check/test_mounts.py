@@ -5,10 +5,11 @@ import pytest
 from small_checks import BIAS, TABLES, checked, right_log
 
 import ftbias_jax as ft
+from ftbias_jax.check.bins import bins_of
 from ftbias_jax.check.motion import arm_motion, data_matrices
 from ftbias_jax.check.mounts import ROTATIONS, mounts
 from ftbias_jax.check.regression import stated_tool
-from ftbias_jax.check.state import make_case, stated
+from ftbias_jax.check.state import case_of_bins, stated
 from ftbias_jax.setup.rotations import rotation_from_rpy, rotation_from_vector
 
 
@@ -69,7 +70,7 @@ def test_every_mount_that_is_tried_is_a_rotation():
     assert len(ROTATIONS) == 24
     tables, arrays = right_log(seed=3)
     setup = ft.parse_setup(tables)
-    case = make_case(setup, [ft.Log.from_arrays(setup, **arrays)])
+    case = case_of_bins(setup, [bins_of(ft.Log.from_arrays(setup, **arrays), setup)])
     state = stated(case.trimmed(0.6))  # where none is left out beforehand
     for other in mounts(state):
         assert set(other.setup) <= {"sensor.rotation_rpy", "sensor.reports", "tool.center_of_mass"}

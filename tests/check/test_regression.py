@@ -5,15 +5,16 @@ import pytest
 import small_checks
 
 import ftbias_jax as ft
+from ftbias_jax.check.bins import bins_of
 from ftbias_jax.check.regression import Tool, exactly, free_tool, no_tool, within_reach
-from ftbias_jax.check.state import make_case, stated
+from ftbias_jax.check.state import case_of_bins, stated
 
 
 @pytest.fixture(scope="module")
 def state():
     tables, arrays = small_checks.right_log()
     setup = ft.parse_setup(tables)
-    return stated(make_case(setup, [ft.Log.from_arrays(setup, **arrays)]))
+    return stated(case_of_bins(setup, [bins_of(ft.Log.from_arrays(setup, **arrays), setup)]))
 
 
 def test_a_right_setup_leaves_noise_and_no_tool_leaves_all(state):

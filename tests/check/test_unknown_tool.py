@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from small_checks import checked, right_log
 
+from ftbias_jax.check.bins import bins_of
 from ftbias_jax.check.check_setup import check_setup
-from ftbias_jax.check.state import make_case
+from ftbias_jax.check.state import case_of_bins
 from ftbias_jax.io.log import Log
 from ftbias_jax.setup import parse_setup
 
@@ -19,7 +20,8 @@ def case(sign=1.0, **sensor):
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_tool_is_the_one_that_the_log_shows(sign):
-    tool = make_case(*(x if i == 0 else [x] for i, x in enumerate(case(sign)))).setup.tool
+    setup, log = case(sign)
+    tool = case_of_bins(setup, [bins_of(log, setup)]).setup.tool
     assert abs(tool.mass - made.MASS) < 0.02
     np.testing.assert_allclose(tool.center_of_mass, made.CENTER, atol=5e-3)
 

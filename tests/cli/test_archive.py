@@ -13,6 +13,7 @@ from ftbias_jax.cli.main import main
 from ftbias_jax.fleet.entry import Settings
 from ftbias_jax.fleet.find import Task
 from ftbias_jax.fleet.manifest import Manifest, read_manifests
+from ftbias_jax.fleet.place import Place
 from ftbias_jax.io.write import npz
 
 
@@ -238,7 +239,7 @@ def test_a_log_whose_process_was_killed_has_failed(monkeypatch):
     monkeypatch.setattr(
         "ftbias_jax.runtime.processes.run_each", lambda work, tasks, jobs: ((task, None) for task in tasks)
     )
-    job = archive.Job(Settings("filter", "", {}, ""), "out", None, None, {})
+    job = archive.Job(Settings("filter", "", {}, ""), Place("out"), None, None, {})
     (entry,) = archive.run_tasks(job, [Task("deadly", "deadly.npz")], 2)
     assert (entry.log, entry.output, entry.status) == ("deadly", "deadly.npz", "failed")
     assert "its process was killed" in entry.error

@@ -11,8 +11,9 @@ import pytest
 from ftbias_jax.errors import FtbiasError
 from ftbias_jax.fleet.alarms import alarms_of
 from ftbias_jax.fleet.history import read_fleet
-from ftbias_jax.fleet.manifest import read_manifests, save_table
+from ftbias_jax.fleet.manifest import read_manifests
 from ftbias_jax.fleet.page import to_page
+from ftbias_jax.fleet.table import save_table
 
 VALUES = (
     None, True, -1, 0, 2**63 - 1, -(2**63) + 1, 2**63, 10**25, 10**400, 1e99, -1e99, 5e-324, 1e308, float("inf"),

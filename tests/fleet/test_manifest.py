@@ -11,6 +11,7 @@ import pytest
 from ftbias_jax.errors import LogError, OutputError
 from ftbias_jax.fleet.entry import FAILED, OK, Entry, LogState, Settings
 from ftbias_jax.fleet.manifest import LONGEST_LINE, Manifest, done_before, is_unchanged, manifest_name, read_manifests
+from ftbias_jax.fleet.place import Place
 
 ENTRY = Entry("logs/a.npz", "a.npz", status=OK, output_bytes=3, state=LogState(1, 2, 3, "x"), quality={"nis": 1.0})
 
@@ -116,13 +117,13 @@ def test_a_file_with_other_bytes_is_not_unchanged(tmp_path):
     (tmp_path / "a.html").write_bytes(b"page")
     sums = {name: hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() for name in ("a.npz", "a.html")}
     entry = ENTRY._replace(sums=sums)
-    assert is_unchanged(str(tmp_path), entry)
-    assert not is_unchanged(str(tmp_path), ENTRY)  # of an earlier version, which kept no sums
+    assert is_unchanged(Place(str(tmp_path)), entry)
+    assert not is_unchanged(Place(str(tmp_path)), ENTRY)  # of an earlier version, which kept no sums
     (tmp_path / "a.html").write_bytes(b"pale")
-    assert not is_unchanged(str(tmp_path), entry)
+    assert not is_unchanged(Place(str(tmp_path)), entry)
     (tmp_path / "a.html").unlink()
     os.mkfifo(tmp_path / "a.html")  # would be waited for
-    assert not is_unchanged(str(tmp_path), entry)
+    assert not is_unchanged(Place(str(tmp_path)), entry)
 
 
 def test_only_whole_results_are_done(tmp_path):
@@ -130,7 +131,7 @@ def test_only_whole_results_are_done(tmp_path):
     write(tmp_path, *(ENTRY._replace(output=name, status=FAILED if name == "failed.npz" else OK) for name in names))
     for name, content in (("a.npz", b"123"), ("cut.npz", b"12"), ("failed.npz", b"123")):
         (tmp_path / name).write_bytes(content)
-    assert done_before(str(tmp_path), read_manifests(str(tmp_path))).keys() == {"a.npz"}
+    assert done_before(Place(str(tmp_path)), read_manifests(str(tmp_path))).keys() == {"a.npz"}
 
 
 def test_a_line_costs_the_same_for_the_first_log_and_for_the_ten_thousandth(tmp_path):

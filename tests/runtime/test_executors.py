@@ -46,6 +46,13 @@ def test_a_task_whose_worker_is_lost_is_done_again_and_given_up_in_the_end():
     assert found == {0: "0", 1: "1", 2: None, 3: "3"}
 
 
+def test_what_the_work_raises_is_raised_and_is_no_loss():
+    losing = Losing({})
+    with pytest.raises(ZeroDivisionError):
+        list(run_with(losing, (1).__truediv__, [1, 0, 2], in_flight=1))
+    assert losing.flying == 2
+
+
 def test_only_so_many_tasks_are_taken_at_a_time():
     taken = []
 

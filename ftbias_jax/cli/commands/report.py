@@ -10,29 +10,38 @@ from ftbias_jax.errors import printable
 from ftbias_jax.fleet.alarms import alarms_of
 from ftbias_jax.fleet.history import read_fleet
 from ftbias_jax.fleet.manifest import damaged_in_words
-from ftbias_jax.fleet.page import name, to_page
+from ftbias_jax.fleet.page import name as name_of
+from ftbias_jax.fleet.page import to_page
+from ftbias_jax.fleet.place import Place
 from ftbias_jax.fleet.result_page import read_result, result_page
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.outputs import check_outputs, check_writable
+from ftbias_jax.io.remote import is_url
 from ftbias_jax.io.write.ours import PAGE
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the alarms and write the page."""
     folders, output = arguments.folders, arguments.output
-    check_writable(output, ".html")
-    fleet = None if len(folders) == 1 and os.path.isfile(folders[0]) else read_fleet(folders)
+    place, page = Place(os.path.dirname(output)), os.path.basename(output)
+    check_writable(page if is_url(output) else output, ".html")
+    first, name = folders[0], os.path.basename(folders[0])
+    is_single = len(folders) == 1 and (bool(os.path.splitext(name)[1]) if is_url(first) else os.path.isfile(first))
+    fleet = None if is_single else read_fleet(folders)
     reads = folders if fleet is None else [record.report for record in fleet.records if record.report]
-    check_outputs({"--output": output}, reads, {"--output": PAGE}, arguments.force)
+    with place.reading([page]) as folder:
+        check_outputs({"--output": os.path.join(folder, page)}, reads, {"--output": PAGE}, arguments.force)
     if fleet is None:
-        text = result_page(read_result(folders[0]), f"Bias of {os.path.basename(folders[0])}")
+        with Place(os.path.dirname(first)).reading([name]) as folder:
+            text = result_page(read_result(os.path.join(folder, name)), f"Bias of {name}")
     else:
         text = to_page(fleet, f"Fleet in {', '.join(folders)}", os.path.dirname(output))
-    write_atomic(output, lambda file: file.write(text.encode()))
+    with place.writing() as folder:
+        write_atomic(os.path.join(folder, page), lambda file: file.write(text.encode()))
     if fleet is not None:
         groups = fleet.by_robot()
         alarms = [
-            printable(f"{name(group)}: {alarm.text}")
+            printable(f"{name_of(group)}: {alarm.text}")
             for group, some in groups.items()
             for alarm in alarms_of(some, fleet.pooled.get(group, ()))
         ]

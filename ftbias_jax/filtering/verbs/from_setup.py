@@ -11,7 +11,7 @@ from typing import Any, TypedDict, Unpack, overload
 
 from ftbias_jax.check.check_setup import check_parts, check_setup
 from ftbias_jax.check.result import Check
-from ftbias_jax.errors import FtbiasError, LogError, UsageError
+from ftbias_jax.errors import FtbiasError
 from ftbias_jax.filtering.method.ready import ready_to_filter
 from ftbias_jax.filtering.noise.log_noise import remarks_of_noise
 from ftbias_jax.filtering.quality import contacts, observability, summary
@@ -27,8 +27,8 @@ from ftbias_jax.io.parts import OpenLog
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.io.write.selection import About
 from ftbias_jax.model.effects.types import Effect
-from ftbias_jax.runtime.executors import run_with
 from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.runtime.many import results_of
 from ftbias_jax.setup.types import Setup
 
 
@@ -36,7 +36,6 @@ def _nobody(done: int) -> None:
     """Progress that nobody wants to know."""
 
 
-LOST = "its workers were lost again and again: too little memory?"
 Source = Log | str | os.PathLike[str]
 """A log, or the path of one."""
 
@@ -107,24 +106,18 @@ def filter_log(
     work = partial(_filtered, setup=setup, smooth=smooth, unchecked=unchecked, fields=fields)
     if isinstance(log, Log | str | os.PathLike):
         return work(log, progress=progress)
-    found: dict[int, FilterResult | FtbiasError] = {}
 
-    def here(numbered: tuple[int, Source]) -> FilterResult | FtbiasError:
-        return _or_error(numbered, partial(work, progress=lambda samples: progress(done + samples)))
-
-    numbered = enumerate(log)
-    told = run_with(executor, partial(_or_error, work=work), numbered) if executor else ((x, here(x)) for x in numbered)
-    for (i, source), one in told:
-        found[i] = LogError(LOST, file=source if isinstance(source, str) else "") if one is None else one
-        if isinstance(one, FilterResult):
-            done += len(one.t)
+    def tell(result: FilterResult | FtbiasError | None) -> None:
+        nonlocal done
+        if isinstance(result, FilterResult):
+            done += len(result.t)
             if executor:  # here the log told of itself
                 progress(done)
-    if not found:
-        raise UsageError("there is no log to filter", field="log", remedy="give at least one")
-    ordered = [found[i] for i in range(len(found))]
-    errors = {i: one for i, one in enumerate(ordered) if isinstance(one, FtbiasError)}
-    return FilterResults(tuple(None if isinstance(one, FtbiasError) else one for one in ordered), errors)
+
+    if executor is None:
+        work = partial(work, progress=lambda samples: progress(done + samples))
+    many = results_of(work, log, executor, tell)
+    return FilterResults(many.results, many.errors)
 
 
 def _filtered(
@@ -138,14 +131,6 @@ def _filtered(
     log = source if isinstance(source, Log) else read_log(source, setup)
     result = filter_with_setup(setup, log, smooth=smooth, unchecked=unchecked, progress=progress)
     return only(replace(result, repairs=(*map(Repair, result.checked.lines()), *result.repairs)), fields)
-
-
-def _or_error(numbered: tuple[int, Source], work: Callable[[Source], FilterResult]) -> FilterResult | FtbiasError:
-    """The result of a log, or why there is none."""
-    try:
-        return work(numbered[1])
-    except FtbiasError as error:
-        return error
 
 
 def filter_with_setup(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, overload
+from typing import Any
 
 from ftbias_jax.check.result import Check
-from ftbias_jax.errors import FtbiasError, UsageError
+from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.noise.log_noise import LogNoise, describe, remarks_of_noise
 from ftbias_jax.filtering.quality.ahead import Forecast, forecast
 from ftbias_jax.filtering.quality.consistency import Consistency, check
@@ -22,6 +22,7 @@ from ftbias_jax.io.write.provenance import Provenance
 from ftbias_jax.io.write.selection import About, Selection
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.params import Params
+from ftbias_jax.runtime.many import Results
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -144,28 +145,12 @@ def _require(result: FilterResult, what: str, names: Sequence[str]) -> None:
         raise UsageError(f"{what} needs {missing[0]}, which was not kept", field="fields", remedy=remedy)
 
 
-@dataclass(frozen=True, eq=False)
-class FilterResults(Sequence["FilterResult | None"]):
+class FilterResults(Results[FilterResult]):
     """A sequence of results in the order of the logs; None = the log could not be filtered, and ``errors`` says why."""
-
-    results: tuple[FilterResult | None, ...]
-    """One for each log."""
-    errors: Mapping[int, FtbiasError]
-    """Position of a log -> why it has no result, with file, field, value and remedy."""
-
-    @overload
-    def __getitem__(self, index: int) -> FilterResult | None: ...
-    @overload
-    def __getitem__(self, index: slice) -> tuple[FilterResult | None, ...]: ...
-    def __getitem__(self, index: int | slice) -> FilterResult | tuple[FilterResult | None, ...] | None:
-        return self.results[index]
-
-    def __len__(self) -> int:
-        return len(self.results)
 
     def __str__(self) -> str:
         done = [result for result in self.results if result is not None]
         samples, seconds = sum(len(x.t) for x in done), sum(x.summary.seconds for x in done)
         lines = [f"{len(done)} of {len(self)} logs filtered: {samples} wrench samples, {seconds:.1f} s"]
         lines += [f"log {i}: {line}" for i, x in enumerate(self.results) if x is not None for line in x.warnings]
-        return "\n".join([*lines, *(f"log {i} has no result: {error}" for i, error in self.errors.items())])
+        return "\n".join([*lines, *self.failed()])

@@ -85,7 +85,7 @@ def test_a_path_is_a_log(setup, folder, logs):
 
 @pytest.mark.parametrize(
     ("logs", "fields", "words"),
-    [([], (), "log: there is no log to filter"), (["none.npz"], ["bais"], "fields: there is no field 'bais'")],
+    [([], (), "logs: there is no log"), (["none.npz"], ["bais"], "fields: there is no field 'bais'")],
 )
 def test_what_cannot_be_asked_for_is_said(setup, logs, fields, words):
     with pytest.raises(ft.UsageError) as caught:

@@ -1,0 +1,181 @@
+"""Where an archive is: a folder of this machine, or a part of a bucket of any store that fsspec writes to.
+
+Results are written and read as files of a folder. For a bucket that is a temporary one: what is written there is
+published file by file once it is whole, which object stores do whole or not at all, and what is read is copied there.
+
+Objects cannot grow, so what is added to a file becomes an object of its own. It takes the place of the one before it,
+together with that, once it is half as large: so there are few, each byte is sent a few times, and in the end all are
+one. An object is named by the byte at which it starts. If it reaches beyond the start of the next one, a process was
+killed before it could remove that.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import NamedTuple
+
+from ftbias_jax.errors import FtbiasError, OutputError
+from ftbias_jax.files import temporary_folder
+from ftbias_jax.io.atomic import make_folder
+from ftbias_jax.io.remote import is_url, shown, sizes_below, store_of, told
+
+MANIFESTS = "manifest*.json*"
+
+
+class Growing(NamedTuple):
+    """A file to which lines are added."""
+
+    path: str
+    """On this machine."""
+    publish: Callable[[], None] | None = None
+    """Brings the lines that the file has by now to the bucket; None = the file is that of the archive."""
+
+
+class Place(NamedTuple):
+    """The place of an archive; can be pickled, for workers on other machines."""
+
+    root: str
+    """Path of a folder, or a URL."""
+
+    def path(self, name: str) -> str:
+        """Path or URL of a file of the archive, "" = of itself, as it is shown."""
+        return shown(os.path.join(self.root, name) if name else self.root)
+
+    def sizes(self, names: Iterable[str]) -> dict[str, int]:
+        """Bytes of those of some files that are there."""
+        if is_url(self.root):
+            there = sizes_below(self.root)
+            return {name: there[name] for name in names if name in there}
+        paths = {name: Path(self.root, name) for name in names}
+        return {name: path.stat().st_size for name, path in paths.items() if path.is_file()}
+
+    def named(self, pattern: str = MANIFESTS) -> list[str]:
+        """Names of all files in and below it that match a pattern, such as its manifests."""
+        if is_url(self.root):
+            return sorted(name for name in sizes_below(self.root) if Path(name).match(pattern))
+        return sorted(os.path.relpath(path, self.root) for path in Path(self.root).rglob(pattern))
+
+    @contextmanager
+    def reading(self, names: Iterable[str]) -> Iterator[str]:
+        """A folder with those of some files that are there.
+
+        Raises:
+            LogError: they cannot be read.
+        """
+        if not is_url(self.root):
+            yield self.root
+            return
+        with temporary_folder() as folder, self._named_in_errors(folder):
+            with told(self.root):
+                system, there = store_of(self.root)
+                for name in names:
+                    copy = os.path.join(folder, name)
+                    make_folder(os.path.dirname(copy))
+                    with suppress(FileNotFoundError):
+                        system.get_file(_object(there, name), copy)
+            yield folder
+
+    @contextmanager
+    def writing(self) -> Iterator[str]:
+        """A folder whose files are the archive's in the end, if nothing goes wrong.
+
+        Raises:
+            OutputError: they cannot be published.
+        """
+        if not is_url(self.root):
+            yield self.root
+            return
+        with temporary_folder() as folder:
+            with self._named_in_errors(folder):
+                yield folder
+            with told(self.root, OutputError):
+                system, there = store_of(self.root)
+                for file in filter(Path.is_file, Path(folder).rglob("*")):
+                    system.put_file(str(file), _object(there, file.relative_to(folder).as_posix()))
+
+    @contextmanager
+    def growing(self, name: str) -> Iterator[Growing]:
+        """A file of the archive to which lines are added, in a bucket by one process at a time.
+
+        Raises:
+            LogError: what is there cannot be read. OutputError: the folder or a line cannot be written.
+        """
+        if not is_url(self.root):
+            make_folder(self.root)
+            yield Growing(os.path.join(self.root, name))
+            return
+        parts = _parts_of(name, sizes_below(self.root))
+        with self.reading(parts.values()) as folder:
+            path = os.path.join(folder, name)
+            with open(path, "ab") as file:
+                for start, part in list(parts.items())[1:]:
+                    more = Path(folder, part).read_bytes()
+                    if start + len(more) > file.tell():
+                        file.write(more)
+            # Where there are several, some bytes may stand in two of them: the first time all are sent as one.
+            starts, end = list(parts), os.path.getsize(path) if len(parts) < 2 else -1
+
+            def publish(whole: bool = False) -> None:
+                nonlocal starts, end
+                size = os.path.getsize(path)
+                kept = [0] if whole or end < 0 else few_parts([*starts, end], size)
+                if size <= end and len(kept) >= len(starts):
+                    return
+                with told(self.root, OutputError), open(path, "rb") as file:
+                    system, there = store_of(self.root)
+                    file.seek(kept[-1])
+                    system.pipe_file(_object(there, _part(name, kept[-1])), file.read())
+                    for start in set(starts) - set(kept):
+                        with suppress(FileNotFoundError):
+                            system.rm_file(_object(there, _part(name, start)))
+                starts, end = kept, size
+
+            try:
+                yield Growing(path, publish)
+            finally:
+                publish(whole=True)
+
+    @contextmanager
+    def _named_in_errors(self, folder: str) -> Iterator[None]:
+        """Errors about files of a temporary folder name those of the archive."""
+        try:
+            yield
+        except FtbiasError as error:
+            if not error.file.startswith(folder):
+                raise
+            file = self.path(os.path.relpath(error.file, folder))
+            raise type(error)(error.message, file=file, field=error.field, remedy=error.remedy) from error
+
+
+def few_parts(starts: Sequence[int], size: int) -> list[int]:
+    """Where the parts of a file of so many bytes start, if each is less than half as large as that before it.
+
+    Args:
+        starts: of parts that are there, and in the end of what is new, which may become one with those before it.
+        size: of the file.
+    """
+    kept = list(starts)
+    while len(kept) > 1 and 2 * (size - kept[-1]) >= kept[-1] - kept[-2]:
+        kept.pop()
+    return kept
+
+
+def _part(name: str, start: int) -> str:
+    """The object that has a file from byte ``start`` on, a manifest as well; the first one has the file's name."""
+    stem, suffix = os.path.splitext(name)
+    return f"{stem}.from-{start:012d}{suffix}" if start else name
+
+
+def _parts_of(name: str, there: Iterable[str]) -> dict[int, str]:
+    """The objects of a file in their order, by where they start."""
+    stem, suffix = map(re.escape, os.path.splitext(name))
+    found = {part: re.fullmatch(rf"{stem}(?:\.from-(\d{{12}}))?{suffix}", part) for part in there}
+    return dict(sorted((int(match[1] or 0), part) for part, match in found.items() if match))
+
+
+def _object(there: str, name: str) -> str:
+    return f"{there.rstrip('/')}/{name}"

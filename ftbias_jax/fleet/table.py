@@ -1,0 +1,57 @@
+"""The table beside a manifest, for pandas, Polars or DuckDB: a row a log, a column a number."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ftbias_jax.fleet.entry import VECTORS, Entry, Settings
+from ftbias_jax.io.atomic import write_atomic
+from ftbias_jax.types import AXES
+
+
+def columns(entries: Sequence[Entry], settings: Mapping[str, Settings]) -> dict[str, list[Any]]:
+    """Columns by name, a row an entry; (6,) numbers have a column an axis, words of a list are separated by ``; ``."""
+    rows = [_row(entry, settings.get(entry.settings)) for entry in entries]
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: [row.get(name) for row in rows] for name in names}
+
+
+def save_table(path: str, entries: Sequence[Entry], settings: Mapping[str, Settings]) -> bool:
+    """Write the table as Parquet, whole or not at all; False if there is no pyarrow (extra ``parquet``).
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    if importlib.util.find_spec("pyarrow") is None:
+        return False
+    arrow, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
+    table = arrow.table(columns(entries, settings))
+    write_atomic(path, lambda file: parquet.write_table(table, file))
+    return True
+
+
+def _row(entry: Entry, settings: Settings | None) -> dict[str, Any]:
+    row: dict[str, Any] = {**entry._asdict(), "repairs": "; ".join(entry.repairs), "files": "; ".join(entry.files)}
+    state, quality, sums = (row.pop(name) for name in ("state", "quality", "sums"))
+    row["output_sha256"] = sums.get(entry.output, "")
+    row |= {f"log_{name}": value for name, value in state._asdict().items()}
+    if settings is not None:
+        told = {name: getattr(settings, name) for name in ("robot", "sensor", "setup", "setup_sha256", "version")}
+        row |= told | {"choices": json.dumps(settings.choices, sort_keys=True)}
+    for name, value in quality.items():
+        if isinstance(value, list) and VECTORS.get(name) == len(AXES):
+            numbers = {f"{name}_{axis}": number for axis, number in zip(AXES, value, strict=True)}
+        else:
+            numbers = {name: "; ".join(map(str, value)) if isinstance(value, list) else value}
+        for column, number in numbers.items():  # a column has one type
+            row.setdefault(column, float(number) if isinstance(number, int) else number)
+    return {_utf8(name): _utf8(value) if isinstance(value, str) else value for name, value in row.items()}
+
+
+def _utf8(text: str) -> str:
+    r"""Text that a table can hold; bytes of a file's name that are no UTF-8 are written as ``\udcXX``."""
+    return text.encode("utf-8", "backslashreplace").decode()
