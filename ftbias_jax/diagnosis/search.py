@@ -9,7 +9,13 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored, candidates, score
-from ftbias_jax.diagnosis.evidence.gap import Judge, excess_by_channel, excess_of_joints, excess_over_quiet, gap_removed
+from ftbias_jax.diagnosis.evidence.gap import (
+    Judge,
+    excess_by_channel,
+    excess_over_quiet,
+    gap_removed,
+    least_beside_joints,
+)
 from ftbias_jax.diagnosis.hypothesis import is_sudden
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.ringing import is_plausible
@@ -25,7 +31,6 @@ from ftbias_jax.diagnosis.thresholds import (
     MOST_CAUSES,
     MOST_JUDGED,
     NEARLY,
-    SHARE_OF_JOINTS,
     STEADY,
     SURE,
 )
@@ -104,7 +109,7 @@ class Search(NamedTuple):
         """What one more cause must do."""
         touched = _touched(self.problem, accepted)
         elsewhere = self.problem._replace(samples=np.where(touched[:, None], 0, self.problem.samples))
-        least = max(LEAST_SIGMAS**2, SHARE_OF_JOINTS * excess_of_joints(self.problem))
+        least = max(LEAST_SIGMAS**2, least_beside_joints(self.problem))
         if not self._causes(accepted):
             return Threshold(elsewhere, least)
         local = np.repeat([h.local for h in accepted.hypotheses], [len(h.shapes) for h in accepted.hypotheses])

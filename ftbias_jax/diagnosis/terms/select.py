@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis import thresholds
-from ftbias_jax.diagnosis.evidence.gap import HeldOut, Judge, excess_of_joints, gap_removed
+from ftbias_jax.diagnosis.evidence.gap import HeldOut, Judge, gap_removed, least_beside_joints
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import readings
 from ftbias_jax.diagnosis.regression.fit import Fit, compared
@@ -109,7 +109,7 @@ class Search:
         least = max(
             thresholds.LEAST_SIGMAS**2,
             thresholds.LEAST_SHARE_OF_GAP * gap_of(self.problem, self.base),
-            thresholds.SHARE_OF_JOINTS * excess_of_joints(self.problem),
+            least_beside_joints(self.problem),
         )
         now = start
         while len(steps) < thresholds.MOST_TERMS and (not steps or gap_of(self.problem, now) > least):
