@@ -52,10 +52,10 @@ def write_logs(folder, count):
             np.savez(folder / f"cell{robot}" / f"{number:05d}.npz", **arrays)
 
 
-def make_log(setup, bias, start, seed):
+def make_log(setup, bias, start, seed, samples=SAMPLES, rate=RATE):
     """Joints that swing, and a wrench of the tool with bias and noise."""
     rng = np.random.default_rng(seed)
-    t = np.arange(SAMPLES) / RATE
+    t = np.arange(samples) / rate
     omega, phase = 2 * np.pi * rng.uniform(0.05, 0.2, (2, 7)), rng.uniform(0, 2 * np.pi, (2, 7))
     angle, half = omega * t[:, None, None] + phase, 0.5 * np.array(EXCURSION)
     q = np.array(CENTER) + (half * np.sin(angle)).sum(1)
@@ -63,12 +63,12 @@ def make_log(setup, bias, start, seed):
     tool = stated_tool(setup.tool).theta
     wrench = data_matrices(arm_motion(setup.robot, setup.sensor, q, dq, ddq), setup.robot.gravity) @ tool
     noise = setup.sensor.noise_std * rng.normal(size=wrench.shape)
-    walk = np.cumsum(setup.bias.noise_density / RATE**1.5 * rng.normal(size=wrench.shape), 0)
+    walk = np.cumsum(setup.bias.noise_density / rate**1.5 * rng.normal(size=wrench.shape), 0)
     return {
         "t": start + t,
         "q": q + 2e-5 * rng.normal(size=q.shape),
         "dq": dq + 1e-3 * rng.normal(size=q.shape),
-        "wrench": wrench - bias - np.cumsum(walk, 0) / RATE + noise,
+        "wrench": wrench - bias - np.cumsum(walk, 0) / rate + noise,
     }
 
 

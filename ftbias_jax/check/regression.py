@@ -25,6 +25,8 @@ ROUNDS = 3
 """Fits, each without what the one before it missed most."""
 STEPS = np.logspace(-12, 8, 81)
 """Lagrange multipliers to try, relative to the largest curvature."""
+BETWEEN = np.linspace(0, 1, len(STEPS))
+"""Powers of what lies between two of them."""
 
 
 class Layout(NamedTuple):
@@ -220,5 +222,5 @@ def within_reach(normal: Array, right: Array, tool: Tool) -> Float[Array, " 10"]
     steps = STEPS * max(d[-1], 1e-300)
     for _ in range(2):  # the second time between two steps of the first
         i = first_inside(steps)
-        steps = np.geomspace(steps[max(i - 1, 0)], steps[i], len(STEPS))
+        steps = steps[max(i - 1, 0)] * (steps[i] / steps[max(i - 1, 0)]) ** BETWEEN
     return tool.theta + S * (V @ (g / (d + steps[first_inside(steps)])))

@@ -16,6 +16,7 @@ from ftbias_jax.fleet.entry import FAILED, OK, Entry, LogState, Settings
 from ftbias_jax.fleet.history import read_fleet
 from ftbias_jax.fleet.manifest import Manifest
 from ftbias_jax.fleet.page import to_page
+from ftbias_jax.fleet.place import Place
 from ftbias_jax.fleet.plots import date_ticks
 
 
@@ -151,6 +152,22 @@ def test_a_log_leads_to_the_report_of_its_diagnosis(folder):
     text = to_page(read_fleet([str(folder)]), "fleet", str(folder / "pages"))
     assert '<a href="../cell_2/059.html">logs/cell 2/059.npz</a>' in text
     (place / "059.html").unlink()
+
+
+def test_a_log_in_a_bucket_leads_to_its_report_there(capsys):
+    memory = pytest.importorskip("fsspec", reason="needs the extra remote").filesystem("memory")
+    bucket = Place("memory://fleet/cell 2")
+    gap = Entry("log", "059.json", "diagnose", OK, state=LogState(1, 10**18, 0, ""), quality={"verdict": "unknown"})
+    with bucket.growing("manifest.diagnose.jsonl") as growing, Manifest(*growing) as manifest:
+        manifest.add_entry(gap)
+    memory.pipe("/fleet/cell 2/059.html", b"")
+    fleet = read_fleet(["memory://fleet"])
+    assert fleet.folders == ("memory://fleet/cell 2",)
+    assert '<a href="../cell%202/059.html">log</a>' in to_page(fleet, "fleet", "memory://fleet/pages")
+    assert '<a href="memory://fleet/cell%202/059.html">log</a>' in to_page(fleet, "fleet", "pages")
+    assert main(["report", "memory://fleet", "-o", "memory://fleet/cell 2/059.html"]) == 2  # it would be replaced
+    assert "is the same file as the input" in capsys.readouterr().err
+    memory.rm("/fleet", recursive=True)
 
 
 def test_many_logs_make_no_long_page(tmp_path):

@@ -15,7 +15,7 @@ from ftbias_jax.fleet.page import to_page
 from ftbias_jax.fleet.place import Place
 from ftbias_jax.fleet.result_page import read_result, result_page
 from ftbias_jax.io.atomic import write_atomic
-from ftbias_jax.io.outputs import check_outputs, check_writable
+from ftbias_jax.io.outputs import check_outputs, check_replaceable, check_writable
 from ftbias_jax.io.remote import is_url
 from ftbias_jax.io.write.ours import PAGE
 
@@ -29,8 +29,10 @@ def run(arguments: argparse.Namespace) -> int:
     is_single = len(folders) == 1 and (bool(os.path.splitext(name)[1]) if is_url(first) else os.path.isfile(first))
     fleet = None if is_single else read_fleet(folders)
     reads = folders if fleet is None else [record.report for record in fleet.records if record.report]
-    with place.reading([page]) as folder:
-        check_outputs({"--output": os.path.join(folder, page)}, reads, {"--output": PAGE}, arguments.force)
+    check_outputs({"--output": output}, reads)
+    if not arguments.force:
+        with place.reading([page]) as folder:
+            check_replaceable(os.path.join(folder, page), PAGE)
     if fleet is None:
         with Place(os.path.dirname(first)).reading([name]) as folder:
             text = result_page(read_result(os.path.join(folder, name)), f"Bias of {name}")
