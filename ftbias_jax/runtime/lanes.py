@@ -82,6 +82,11 @@ def plus(left: Table, right: Table) -> Rows:
     return [total(*rows) for rows in zip(left, right, strict=True)]
 
 
+def add_at(vector: Vector, j: int, value: Array) -> Vector:
+    """v + value e_j."""
+    return [entry + value if a == j else entry for a, entry in enumerate(vector)]
+
+
 def symmetric(k: int, entry: Callable[[int, int], Array]) -> Rows:
     """A symmetric matrix from the entries of its upper triangle: symmetric to the last bit, at half the work."""
     upper = {(a, b): entry(a, b) for a in range(k) for b in range(a, k)}
