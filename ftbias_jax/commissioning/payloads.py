@@ -44,7 +44,8 @@ def identify_payloads(
         progress: called with the name of each stage as it begins.
 
     Raises:
-        SetupError: the setup is wrong, as the log shows. LogError: the log shows no part that is taken up or put down.
+        SetupError: the setup is wrong, as the log shows.
+        LogError: the log shows no part that is taken up or put down.
     """
     found = diagnose(setup, [log], unchecked=unchecked, progress=progress)
     parts = tuple(term for term in found.terms if term.form == "payload")

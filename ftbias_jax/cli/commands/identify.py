@@ -71,7 +71,11 @@ def identify_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any])
 def with_payloads(
     setup: Setup, log: Log | Poses, path: str, unchecked: bool, progress: Callable[[str], None] = silent
 ) -> tuple[Setup, str]:
-    """The setup with the parts that are carried in a log, and words on them."""
+    """The setup with the parts that are carried in a log, and words on them.
+
+    Raises:
+        UsageError: of static poses. LogError, SetupError: as of ``identify_payloads``.
+    """
     if isinstance(log, Poses):
         remedy = "give a log of motion, or leave it out"
         raise UsageError("what is gripped and let go is not found from static poses", field="--payloads", remedy=remedy)
