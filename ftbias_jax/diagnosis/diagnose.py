@@ -24,8 +24,9 @@ from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, together
 from ftbias_jax.diagnosis.terms.describe import describe
 from ftbias_jax.diagnosis.terms.found import found_terms
+from ftbias_jax.diagnosis.terms.loads import all_carried
 from ftbias_jax.diagnosis.terms.noise import louder, noise_term
-from ftbias_jax.diagnosis.terms.select import is_all_carried, state_of_problem
+from ftbias_jax.diagnosis.terms.select import state_of_problem
 from ftbias_jax.diagnosis.terms.spectra import fast_lines
 from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
 from ftbias_jax.diagnosis.tool_first import Searched, search_causes
@@ -107,7 +108,10 @@ def diagnose(
     hold_out = Judge(problem)
     before = hold_out(base, base.error)
     quiet = is_quiet(problem, measure_gap(problem, before, before))
-    if not quiet and TERM not in without and is_all_carried(problem, base, hold_out):
+    carried = all_carried(problem, base) if not quiet and TERM not in without else None
+    if carried:
+        problem, base, hold_out = carried, fits.base(carried), Judge(carried)
+        before = hold_out(base, base.error)
         searched = Searched(base, base, [])
     else:
         searched = search_causes(setup, problem, base, hold_out, {*without, *not_shown(setup)}, progress)

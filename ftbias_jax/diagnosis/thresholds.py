@@ -128,6 +128,9 @@ NOISE_BETTER, TERM_WINDOWS = 1.05, 64
 """Gain of a term of noise per that of an effect; windows of samples that it needs. [dev]"""
 MOST_TIMES = 60
 """Changes of one log that are told as something switched: who lists more describes noise. [owner]"""
+HANDOVER, TOUCHED = 0.5, 3.0
+"""s from when a load is taken up or put down, in which grippers close and open; standard deviations of an innovation
+that is then taken for touch. [physics]"""
 LEAST_POWER = 25.0
 """Of a spectrum's median: a line. [noise] 1 in 3e7 frequencies."""
 LEAST_WARMING, LEAST_TURN = 0.3, 0.02

@@ -11,7 +11,6 @@ import numpy as np
 from ftbias_jax.diagnosis import thresholds
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.result import FoundTerm
-from ftbias_jax.diagnosis.samples.bins import fill_up
 from ftbias_jax.diagnosis.samples.noise import WINDOW, fast_waves
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
 from ftbias_jax.diagnosis.samples.variance_fit import average_runs, blocks_of, judge_variance, standard_errors
@@ -112,13 +111,7 @@ def _fitted(form: str, drive: np.ndarray, squares: np.ndarray, block: np.ndarray
 def louder(problem: Problem, term: FoundTerm, state: State) -> Problem:
     """The problem with the variance that a term adds to the noise of its bins."""
     own = replace(make_term("noise", term.form, "sensor", "noise"), coefficients=term.section["coefficients"])
-    added = noise_variance(np, {"noise": own}, state) / np.maximum(problem.samples, 1)
-    pieces = np.split(added, np.cumsum([part.used for part in problem.parts])[:-1])
-    parts = [
-        part.with_variance(np.asarray(part.wrench.variance) + fill_up(own, len(part.signals.t), 0.0))
-        for part, own in zip(problem.parts, pieces, strict=True)
-    ]
-    return problem._replace(parts=tuple(parts), variance=problem.variance + added)
+    return problem.louder(noise_variance(np, {"noise": own}, state) / np.maximum(problem.samples, 1))
 
 
 def _told(growing: Growing, duration: float) -> FoundTerm:

@@ -17,7 +17,7 @@ from ftbias_jax.diagnosis.regression.score_test import PreparedFit, stand
 from ftbias_jax.diagnosis.samples.bins import fill_up
 from ftbias_jax.diagnosis.search import gap_of
 from ftbias_jax.diagnosis.terms.fit_terms import Described, Solved, fit_terms, improve
-from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, of_switches, that_stand_out
+from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, that_stand_out
 from ftbias_jax.diagnosis.terms.library import Library, Ranked, make_library, merit_of, rank, times_of
 from ftbias_jax.model.effects.terms.columns import columns, has_point, state_of
 from ftbias_jax.model.effects.terms.types import State, Term
@@ -153,28 +153,6 @@ class Search:
             if term.drive != drive and close:
                 rivals.setdefault(term.drive, term)
         return tuple(rivals.values())
-
-
-def is_all_carried(problem: Problem, base: Fit, hold_out: Judge) -> bool:
-    """Whether a load that is taken up in the middle of a log closes the gap by itself: then nothing else is looked for.
-
-    Nothing that acts all along does, and a search for effects of any shape would take the longest of all. It closes it
-    on blocks that it has not seen, too: several times at will fit much of what noise alone leaves.
-    """
-    gap = gap_of(problem, base)
-    enough = max(thresholds.LEAST_SIGMAS**2, thresholds.LEAST_SHARE_OF_GAP * gap)
-    if gap <= enough:
-        return False
-    state = state_of_problem(problem, base)
-    loads = of_switches(problem, state, base, ("payload",))
-    terms = [term for term in loads if np.min(term.parameters["time"]) > 0]
-    prepared_fit = stand(base)
-    for ranked in rank(make_library(problem, state, terms), prepared_fit)[:1]:
-        one = improve(problem, state, prepared_fit, (ranked.term,))
-        if gap_of(problem, base._replace(error=one.error)) <= enough:
-            unseen = hold_out(fit_terms(problem, state, prepared_fit, one.terms).fit, base.error)
-            return gap_of(problem, base._replace(error=unseen.error)) <= enough
-    return False
 
 
 def state_of_problem(problem: Problem, fit: Fit) -> State:

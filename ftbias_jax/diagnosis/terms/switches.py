@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import measured, readings
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.samples.bins import sum_of_bins
-from ftbias_jax.diagnosis.thresholds import MOST_TIMES
+from ftbias_jax.diagnosis.thresholds import HANDOVER, MOST_TIMES
 from ftbias_jax.model.effects.terms.types import State
 
 COARSE = 1024
@@ -86,11 +87,13 @@ def _suggested(state: State, seen: _Seen) -> Iterator[np.ndarray]:
     square = np.einsum("tc,tck->tk", seen.weight, seen.axes**2)
     weight = sum_of_bins(stretch, square)
     bias = (seen.weight * seen.left).sum(0) / np.maximum(seen.weight.sum(0), 1e-300)
-    for share in SHARES:
+    # A load is touched while it is handed over: what is brief may be larger than its weight.
+    brief = int(HANDOVER / state.t[-1] * COARSE) if seen.name == "payload" else 0
+    for share, shortest in product(SHARES, sorted({0, brief})):
         found = np.zeros(0)
         for _ in range(ROUNDS):
             along = np.einsum("tc,tck->tk", seen.weight * (seen.left - bias), seen.axes)
-            rows = _switched_at(sum_of_bins(stretch, along) / np.maximum(weight, 1e-300), weight, share)
+            rows = _switched_at(sum_of_bins(stretch, along) / np.maximum(weight, 1e-300), weight, share, shortest)
             if not len(rows):
                 break
             found = np.array([_refined(along, square, edges, rows, k) for k in range(len(rows))])
@@ -99,9 +102,9 @@ def _suggested(state: State, seen: _Seen) -> Iterator[np.ndarray]:
             yield _times_of(state, found)
 
 
-def _switched_at(x: np.ndarray, weight: np.ndarray, share: float) -> np.ndarray:
+def _switched_at(x: np.ndarray, weight: np.ndarray, share: float, shortest: int) -> np.ndarray:
     """(M,) rows of series (N, k) before which it changes along one direction, up and down in turn."""
-    cuts = changes(x, weight * _whiteness(x, weight))
+    cuts = lasting(x, weight, changes(x, weight * _whiteness(x, weight)), shortest)
     if not len(cuts):
         return cuts
     levels = [_mean(x, weight, a, b) for a, b in zip([0, *cuts], [*cuts, len(x)], strict=True)]
@@ -134,6 +137,21 @@ def changes(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
     while (end := int(last[end])) > 0:
         cuts.append(end)
     return np.array(cuts[::-1], int)
+
+
+def lasting(x: np.ndarray, weight: np.ndarray, cuts: np.ndarray, shortest: int) -> np.ndarray:
+    """(L,) of the rows (K,) before which a level changes: of several that enclose fewer rows the one that lasts most.
+
+    That is where most of the difference comes that there is between the levels before and after them.
+    """
+    piles = np.split(cuts, np.flatnonzero(np.diff(cuts) >= shortest) + 1) if len(cuts) else []
+    ends, kept = [0, *(pile[-1] for pile in piles)], list[int]()
+    for pile, start, end in zip(piles, ends, [*(pile[0] for pile in piles[1:]), len(x)], strict=False):
+        edges = [start, *pile, end]
+        levels = np.array([_mean(x, weight, a, b) for a, b in pairwise(edges)])
+        along = np.diff(levels, axis=0) @ (np.median(weight, 0) * (levels[-1] - levels[0]))
+        kept.append(int(pile[along.argmax()]))
+    return np.array(kept, int)
 
 
 def alternating(along: np.ndarray, least: float) -> np.ndarray:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from made_states import still_state
 
 from ftbias_jax.diagnosis.terms.phrases import spells_in_words
-from ftbias_jax.diagnosis.terms.switches import PRICE, _suggested, _ways, alternating, changes
+from ftbias_jax.diagnosis.terms.switches import PRICE, _suggested, _ways, alternating, changes, lasting
 
 BINS, WIDTH = 2000, 0.01
 
@@ -52,6 +52,15 @@ def test_noise_and_slow_drift_have_no_changes():
 
 def test_of_changes_in_one_direction_the_largest_counts():
     assert alternating(np.array([5.0, 7.0, -6.0, 0.5, 6.0, -0.4, -5.0, -7.0]), 3.0).tolist() == [1, 2, 4, 7]
+
+
+def test_of_brief_changes_the_one_that_lasts_counts():
+    """Fingers push a part before they carry it: harder than it weighs, but not for long."""
+    level = np.repeat([0.0, -3.0, 2.0, 9.0, 0.0, 0.5], [40, 5, 100, 3, 40, 60])[:, None]
+    cuts = np.flatnonzero(np.diff(level[:, 0])) + 1
+    assert lasting(level, np.ones_like(level), cuts, 10).tolist() == [45, 148, 188]
+    assert lasting(level, np.ones_like(level), cuts, 0).tolist() == cuts.tolist()
+    assert not len(lasting(level, np.ones_like(level), cuts[:0], 10))
 
 
 @pytest.fixture

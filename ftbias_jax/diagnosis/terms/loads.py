@@ -1,0 +1,61 @@
+"""Loads that are taken up and put down: whether they are all that a log shows, and what touches them meanwhile."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ftbias_jax.diagnosis import thresholds
+from ftbias_jax.diagnosis.evidence.gap import Judge
+from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.regression import fit as fits
+from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.diagnosis.regression.score_test import stand
+from ftbias_jax.diagnosis.search import gap_of
+from ftbias_jax.diagnosis.terms.fit_terms import fit_terms, improve
+from ftbias_jax.diagnosis.terms.grid import of_switches
+from ftbias_jax.diagnosis.terms.library import make_library, rank
+from ftbias_jax.diagnosis.terms.select import state_of_problem
+from ftbias_jax.model.effects.terms.types import Term
+
+
+def all_carried(problem: Problem, base: Fit) -> Problem | None:
+    """The problem without what touches a load in the hand-overs, if such a load is all that a log shows; None if not.
+
+    A load that is taken up in the middle of a log then closes the gap by itself, and nothing else is looked for.
+    Nothing that acts all along does, and a search for effects of any shape would take the longest of all. It closes it
+    on blocks that it has not seen, too: several times at will fit much of what noise alone leaves.
+    """
+    if gap_of(problem, base) <= _enough(problem, base):
+        return None
+    state = state_of_problem(problem, base)
+    loads = of_switches(problem, state, base, ("payload",))
+    library = make_library(problem, state, [term for term in loads if np.min(term.parameters["time"]) > 0])
+    for ranked in rank(library, stand(base))[:1]:
+        one = improve(problem, state, stand(base), (ranked.term,))
+        freed = without_touches(problem, one.terms[0], one.error)
+        start = fits.base(freed)
+        enough = _enough(freed, start)
+        one = improve(freed, state, stand(start), one.terms)
+        if gap_of(freed, start._replace(error=one.error)) <= enough:
+            unseen = Judge(freed)(fit_terms(freed, state, stand(start), one.terms).fit, start.error)
+            return freed if gap_of(freed, start._replace(error=unseen.error)) <= enough else None
+    return None
+
+
+def without_touches(problem: Problem, load: Term, error: np.ndarray) -> Problem:
+    """The problem in which what a load leaves near its times is noise: fingers close, press, and settle.
+
+    While a part is handed over it touches what it lies on, and what it is pushed with is no weight.
+
+    Args:
+        problem: of one log.
+        load: the term.
+        error: (U, 6) innovations beside it, in standard deviations.
+    """
+    away = np.abs(problem.t[:, None] - np.ravel(load.parameters["time"])).min(1)
+    touched = (away < thresholds.HANDOVER)[:, None] & (np.abs(error) > thresholds.TOUCHED)
+    return problem.louder(np.where(touched, error**2 * problem.variance, 0.0))
+
+
+def _enough(problem: Problem, base: Fit) -> float:
+    return max(thresholds.LEAST_SIGMAS**2, thresholds.LEAST_SHARE_OF_GAP * gap_of(problem, base))
