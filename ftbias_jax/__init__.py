@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from ftbias_jax.commissioning.each import diagnose_each, identify_each
     from ftbias_jax.commissioning.result import Calibrated
     from ftbias_jax.diagnosis.diagnose import diagnose
+    from ftbias_jax.diagnosis.pooled import diagnose_pooled
     from ftbias_jax.diagnosis.result import Candidate, Diagnosis
     from ftbias_jax.errors import FtbiasError, LogError, OutputError, SetupError, UsageError
     from ftbias_jax.filtering.likelihood import log_likelihood
@@ -111,6 +112,7 @@ __all__ = [
     "constrain",
     "diagnose",
     "diagnose_each",
+    "diagnose_pooled",
     "dump_setup",
     "filter_log",
     "filter_samples",
@@ -145,6 +147,7 @@ _MODULES = {
     "commissioning.each": "diagnose_each identify_each",
     "commissioning.result": "Calibrated",
     "diagnosis.diagnose": "diagnose",
+    "diagnosis.pooled": "diagnose_pooled",
     "diagnosis.result": "Candidate Diagnosis",
     "errors": "FtbiasError LogError OutputError SetupError UsageError",
     "check.check_setup": "check_setup",

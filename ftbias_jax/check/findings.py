@@ -25,8 +25,8 @@ NEAR_OFFSET = 0.16
 """s around the best one for the stated tool within which the tool is fitted again."""
 OFFSET_BAD, OFFSET_BETTER = 0.01, 0.4
 """Share of the raw variance that must be left without the offset, and share of that which it may leave."""
-LAGS = (0.1, 0.2, 0.3, 0.5, 0.8)
-"""s, time constants of a low pass, which can look like an offset."""
+LAGS, NEAR_LAGS = (0.1, 0.2, 0.3, 0.5, 0.8), np.linspace(0.75, 1.1, 8)
+"""s by which a low pass of the first order delays, which can look like an offset; of the second, per offset."""
 FAR = 8.0
 """Standard deviations of the prior beyond which the bias is not what the setup expects."""
 FIRST = 2.0
@@ -81,8 +81,9 @@ def time_offset(base: Evidence) -> tuple[float, Result] | None:
         return None  # a shorter one may do better
     if not result.square[0] < OFFSET_BETTER * base.result.square[0] or result.square[0] > GOOD * base.raw[0]:
         return None
-    for lag in LAGS:
-        if state.but(lag=lag).fit().square[0] < 2 * result.square[0]:
+    for lag, order in (*((lag, 1) for lag in LAGS), *((abs(best) * share, 2) for share in NEAR_LAGS)):
+        # The closer to an offset, the better must a low pass be to stand for it.
+        if state.but(lag=lag, order=order).fit().square[0] < 2 / order * result.square[0]:
             return None
     return (float(best), result) if decisively(base.result, result, (0,), layout.block) else None
 

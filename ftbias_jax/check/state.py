@@ -75,7 +75,9 @@ class State:
     delay: float = 0.0
     """s by which the wrench is stamped later than the motion."""
     lag: float = 0.0
-    """s, time constant of a low pass on the wrench."""
+    """s by which a low pass on the wrench delays what is slow."""
+    order: int = 1
+    """Of that low pass: 1, or 2 for a Butterworth filter."""
 
     def but(self, **changes: Any) -> State:
         """The same with some of it changed."""
@@ -96,7 +98,7 @@ class State:
         """Values (N, ...) as late as the wrench."""
         if self.delay:
             values = delayed(self.case, values, self.delay)
-        return lagged(self.case, values, self.lag) if self.lag else values
+        return lagged(self.case, values, self.lag, self.order) if self.lag else values
 
     def fit(self, tool: Tool | None = None) -> Result:
         """Least squares with this tool, or the nominal one."""
@@ -227,11 +229,13 @@ def delayed(case: Case, values: Array, delay: float) -> Array:
     return result.reshape(values.shape)
 
 
-def lagged(case: Case, values: Array, time: float) -> Array:
-    """Values (N, ...) of bins behind a low pass of the first order with this time constant, s."""
+def lagged(case: Case, values: Array, time: float, order: int = 1) -> Array:
+    """Values (N, ...) of bins behind a low pass of the first order, or a Butterworth filter, that delays by time, s."""
     step = float(np.median(np.diff(case.bins.t)))
-    kernel = np.exp(-np.arange(0, 5 * time + step, step) / time)
-    kernel /= kernel.sum()
+    x = np.clip(np.arange(-0.5, 5 * time / step + 1) * step / time, 0, None)
+    # What has passed x delays after a step.
+    passed = 1 - np.exp(-x) if order == 1 else 1 - np.sqrt(2) * np.exp(-x) * np.sin(x + np.pi / 4)
+    kernel = np.diff(passed) / passed[-1]
     flat = values.reshape(len(values), -1)
     padded = np.concatenate([np.repeat(flat[:1], len(kernel) - 1, 0), flat])
     return np.stack([np.convolve(column, kernel, "valid") for column in padded.T], 1).reshape(values.shape)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis.evidence.estimates import parameters
 from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, penalty
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals import ringing, searched, series, starts
@@ -22,6 +23,7 @@ from ftbias_jax.diagnosis.thresholds import (
     POLISHED_SEARCHED,
     ROUGH_STEPS,
     ROUGHLY,
+    SURE,
     WORTH_FITTING,
     WORTH_SEARCHING,
 )
@@ -115,14 +117,19 @@ def _end(problem: Problem, rough: Fit) -> Fit:
 
 
 def _without_idle_forms(problem: Problem, scored: list[Scored]) -> list[Scored]:
-    """Without the general forms of other candidates that gain no more than chance beyond them."""
+    """Without the general forms of other candidates that gain no more than chance beyond them, or by no sure number."""
     nats = {s.hypothesis.effect: s.nats for s in scored}
 
-    def is_idle(effect: str) -> bool:
-        special = problem.catalogue[effect].fit.extends
-        return special in nats and nats[effect] < nats[special] + LEAST_GAIN
+    def is_idle(s: Scored) -> bool:
+        effect = problem.catalogue[s.hypothesis.effect]
+        if effect.fit.extends not in nats:
+            return False
+        value, stderr = parameters(problem, s.fit, s.hypothesis)
+        own = [p.name for p in effect.parameters if not p.optional]
+        unsure = all(np.abs(value[name]) < SURE * np.asarray(stderr[name]) for name in own)
+        return unsure or s.nats < nats[effect.fit.extends] + LEAST_GAIN
 
-    return [s for s in scored if not is_idle(s.hypothesis.effect)]
+    return [s for s in scored if not is_idle(s)]
 
 
 def _best_of_each(scored: list[Scored]) -> list[Scored]:

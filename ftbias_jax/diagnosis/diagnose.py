@@ -32,7 +32,7 @@ from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
 from ftbias_jax.diagnosis.tool_first import Searched, search_causes
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering.quality.at_rest import rest_in_words, weight_in_bias
-from ftbias_jax.io.cleaning import clean, slices, survey, without_long_pauses
+from ftbias_jax.io.cleaning import Facts, clean, slices, survey, without_long_pauses
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.model.effects.catalogue import check_names
@@ -87,7 +87,22 @@ def diagnose(
         SetupError, LogError: the logs show a mistake of units, signs or frames, have no wrench, or fit nothing.
         UsageError: no log, or an unknown effect.
     """
-    setup = setup.with_effects(effects)
+    return explain(setup.with_effects(effects), logs, names, without, unchecked, progress)[0]
+
+
+def explain(
+    setup: Setup,
+    logs: Sequence[Log],
+    names: Sequence[str] = (),
+    without: Collection[str] = (),
+    unchecked: bool = False,
+    progress: Callable[[str], None] = silent,
+) -> tuple[Diagnosis, Answer]:
+    """The diagnosis, and the fits that it tells of; arguments as of ``diagnose``.
+
+    Raises:
+        UsageError and others: as of ``diagnose``.
+    """
     names = names or [f"log {i}" for i in range(1, len(logs) + 1)]
     if not logs or len(names) != len(logs):
         message = f"got {len(logs)} logs and {len(names)} names"
@@ -96,10 +111,7 @@ def diagnose(
     progress("checking the setup")
     facts = [survey(slices(log)) for log in logs]
     as_filtered = map(clean, logs, facts)  # one at a time, each no longer than it is looked at
-    pairs = zip(logs, facts, strict=True)
-    logs = [without_long_pauses(clean(log, known, clipped=False, held=False)) for log, known in pairs]
-    with_tool, of_tool = weight_in_bias(setup, slices(*logs))
-    logs = [log._replace(repairs=(*log.repairs, *of_tool)) for log in logs]
+    with_tool, logs = ready(setup, logs, facts)
     with compiled_ahead(with_tool, logs):
         require_right(setup, as_filtered, "diagnose", unchecked)
         progress("making the logs ready")
@@ -128,7 +140,7 @@ def diagnose(
         tuple(with_nominal(problem, candidate) for candidate in some) for some in (causes, ranking_of(answer))
     )
     place = where(problem, before, tuple(dict.fromkeys(cause.stage for cause in causes)))
-    return Diagnosis(
+    diagnosis = Diagnosis(
         verdict=verdict,
         sentence=no_free_motion(answer.gap, max(problem.durations))
         if pushed
@@ -149,6 +161,15 @@ def diagnose(
         note=note(setup, rest_in_words(setup, slices(*logs))),
         provenance=provenance(setup, list(map(source_of, logs)), {"without": sorted(without)}, names),
     )
+    return diagnosis, answer
+
+
+def ready(setup: Setup, logs: Sequence[Log], facts: Sequence[Facts]) -> tuple[Setup, list[Log]]:
+    """Logs without what no fit can use, of which is known what a survey finds, and the setup with the tool's weight."""
+    pairs = zip(logs, facts, strict=True)
+    logs = [without_long_pauses(clean(log, known, clipped=False, held=False)) for log, known in pairs]
+    with_tool, of_tool = weight_in_bias(setup, slices(*logs))
+    return with_tool, [log._replace(repairs=(*log.repairs, *of_tool)) for log in logs]
 
 
 def _examined(

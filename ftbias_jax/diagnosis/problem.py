@@ -51,6 +51,8 @@ class Part(NamedTuple):
     """The innovations of that filter."""
     touched: Touched = Touched()
     """As a filter finds it."""
+    coherent: np.ndarray = np.zeros((0, 6))
+    """(U, 6) N^2, Nm^2: what averaging over a bin does not reduce of the noise, most of it the error of the joints."""
 
     def with_variance(self, variance: np.ndarray) -> Part:
         """The same log with another noise of its mean readings, (B, 6) N^2, Nm^2."""
@@ -238,4 +240,4 @@ def _bin(
     dt, variance = place(np.diff(t, prepend=t[0])), fill_up(variance, padded, 1.0)
     problem = WrenchProblem(dt, place(free), place(variance), bias.density, bias.prior_std, jump)
     nominal = nominal_motion(signals, params.effects or {}, catalogue)
-    return Part(signals, problem, used, nominal, make_whitener(problem, used)), count
+    return Part(signals, problem, used, nominal, make_whitener(problem, used), coherent=coherent), count

@@ -13,6 +13,9 @@ from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.write.provenance import Provenance
 from ftbias_jax.setup.types import Setup
 
+ALL_ALONG, AT_ONCE, GROWING = "all along", "at once", "growing"
+"""How a cause begins."""
+
 VERDICTS = ("none", "explained", "described", "partly_explained", "unknown")
 
 Numbers: TypeAlias = "float | list[Numbers]"
@@ -157,6 +160,29 @@ class LogGap(NamedTuple):
     stderr: dict[str, dict[str, Numbers]]
 
 
+class Course(NamedTuple):
+    """How one cause went on over N logs of one robot, of which the latest were diagnosed together."""
+
+    effect: str
+    begins: str
+    """``ALL_ALONG``, ``AT_ONCE`` or ``GROWING``."""
+    since: float
+    """s since 1970, of the first log that has it."""
+    earliest: float
+    """s since 1970: with 95 % it began between here, the last log that is sure to be without it, and ``latest``."""
+    latest: float
+    dates: np.ndarray
+    """(N,) s since 1970, of the logs."""
+    share: np.ndarray
+    """(N,) of what it is in the latest logs."""
+    stderr: np.ndarray
+    """(N,)."""
+    before: float
+    """Its share before it began: what the setup had wrong all along."""
+    scatter: float
+    """Standard deviation of its share from log to log, beside ``stderr``."""
+
+
 class Series(NamedTuple):
     """What the plots show, on a common coarse time axis."""
 
@@ -215,6 +241,8 @@ class Diagnosis(NamedTuple):
     """What of the setup was not used; "" = nothing."""
     correlations: np.ndarray = np.zeros((0, 0))
     """(P, P) between the errors of all numbers of the causes, in their order: ``evidence.posterior``."""
+    courses: tuple[Course, ...] = ()
+    """How causes went on over all logs, where more than those that were diagnosed were given: ``pooled``."""
     command: str = ""
     """What was typed to make it, for the report's advice; "" = made from names of logs and setup."""
 

@@ -9,7 +9,13 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored, candidates, score
-from ftbias_jax.diagnosis.evidence.gap import Judge, excess_by_channel, excess_over_quiet, gap_removed
+from ftbias_jax.diagnosis.evidence.gap import (
+    Judge,
+    excess_by_channel,
+    excess_over_quiet,
+    gap_removed,
+    least_beside_joints,
+)
 from ftbias_jax.diagnosis.hypothesis import is_sudden
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.ringing import is_plausible
@@ -103,12 +109,13 @@ class Search(NamedTuple):
         """What one more cause must do."""
         touched = _touched(self.problem, accepted)
         elsewhere = self.problem._replace(samples=np.where(touched[:, None], 0, self.problem.samples))
+        least = max(LEAST_SIGMAS**2, least_beside_joints(self.problem))
         if not self._causes(accepted):
-            return Threshold(elsewhere, LEAST_SIGMAS**2)
+            return Threshold(elsewhere, least)
         local = np.repeat([h.local for h in accepted.hypotheses], [len(h.shapes) for h in accepted.hypotheses])
         _, (untouched,) = projection(accepted.columns.series[local])(self.start.error[None])
         gap = gap_of(elsewhere, self.start._replace(error=untouched))
-        least = max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap)
+        least = max(least, LEAST_SHARE_OF_GAP * gap)
         all_follow = all(_follows_motion(self.problem, h.effect) for h in accepted.hypotheses)
         return Threshold(elsewhere, least, LEAST_SIGMAS**2 if all_follow else least)
 

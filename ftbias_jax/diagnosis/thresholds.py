@@ -17,6 +17,9 @@ LEAST_SIGMAS = 0.08
 LEAST_SHARE_OF_GAP = 0.02
 """Share of the gap that a further cause must remove: fitted forms are never quite the real ones. [dev] A slow effect on
 the bias need not, if it removes all that is left: it is no error of the form of what follows the motion."""
+SHARE_OF_JOINTS = 0.25
+"""Share of the mean square error of the joints that a cause must remove: a smoother's own error follows the motion. Its
+filter overstates it by up to four times where the motion is smooth. Never more than LEADS. [dev]"""
 STEADY = 1.3
 """Standard errors of the gain over blocks; one block that gains everything is one. [noise] 1 in 10 is as steady."""
 SURE = 2.0
@@ -185,3 +188,7 @@ MOVES, LEAST_REST, FAR_SQUARES = 0.03, 1e-3, 25.0
 """Of the fastest joint; of the mean variance; squares per variance, five sigmas, that are noise. [physics] [dev]"""
 SLOW, RESTED = 0.1, 0.02
 """Of the speed in the fastest tenth; share of samples at rest that shows the noise there. [dev]"""
+
+# Logs of one robot over time
+FEWEST_POOLED, MOST_POOLED, POOLED_SHARE = 4, 16, 0.25
+"""Latest logs that are diagnosed together, and their share of all: what began before them is in all of them. [dev]"""

@@ -6,11 +6,12 @@ Changes over many logs count where they are more than their scatter.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from datetime import UTC, datetime
 from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis.report.tables import course_words, day
+from ftbias_jax.diagnosis.result import ALL_ALONG, Course
 from ftbias_jax.fleet.history import FleetLog
 from ftbias_jax.types import AXES, AXIS_UNITS, Array
 
@@ -39,7 +40,7 @@ class Alarm(NamedTuple):
     """One change of one robot and sensor."""
 
     kind: str
-    """"ages", "worse" or "appears"."""
+    """"ages", "worse", "appears" or "pooled"."""
     about: str
     """The axis, or the name of the cause."""
     text: str
@@ -48,10 +49,12 @@ class Alarm(NamedTuple):
     """s since 1970."""
 
 
-def alarms_of(records: Sequence[FleetLog]) -> list[Alarm]:
-    """The alarms of one robot and sensor, whose records are in the order of time."""
+def alarms_of(records: Sequence[FleetLog], courses: Sequence[Course] = ()) -> list[Alarm]:
+    """The alarms of one robot and sensor, whose records are in the order of time, and its causes of pooled logs."""
     whole = [record for record in records if record.quality]
-    return [*_ageing(whole), *_worse(whole), *_appearing(whole)]
+    began = [course for course in courses if course.begins != ALL_ALONG]
+    pooled = [Alarm("pooled", one.effect, f"logs together show {course_words(one)}", one.since) for one in began]
+    return [*_ageing(whole), *_worse(whole), *_appearing(whole), *pooled]
 
 
 def bias_trend(records: Sequence[FleetLog], axis: int) -> Trend | None:
@@ -81,11 +84,6 @@ def dates(records: Sequence[FleetLog]) -> Array:
 def size(values: Array) -> Array:
     """(N, 2) sizes of force and torque of (N, 6) numbers by axis."""
     return np.stack([np.sqrt((values[:, axes] ** 2).sum(1)) for axes in (slice(0, 3), slice(3, 6))], 1)
-
-
-def day(date: float) -> str:
-    """Such as 2026-03-14."""
-    return datetime.fromtimestamp(date, UTC).strftime("%Y-%m-%d")
 
 
 def _ageing(records: Sequence[FleetLog]) -> Iterator[Alarm]:

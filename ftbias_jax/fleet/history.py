@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis.report.as_json import load_courses
+from ftbias_jax.diagnosis.result import Course
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.entry import FAILED, LOSS, OK, Entry, Settings, seconds_of
 from ftbias_jax.fleet.manifest import Contents, read_manifests
@@ -15,6 +17,8 @@ from ftbias_jax.fleet.place import Place
 from ftbias_jax.types import Array
 
 UNKNOWN = "not named"
+POOLED = ".pooled.json"
+"""How diagnoses of pooled logs are called, for the setup's name in them says of which robot they are."""
 
 
 class FleetLog(NamedTuple):
@@ -67,12 +71,16 @@ class Fleet(NamedTuple):
     """That have a manifest."""
     damaged: int
     """Lines of manifests that could not be read."""
+    pooled: Mapping[tuple[str, str], tuple[Course, ...]]
+    """(robot, sensor) -> how causes went on that its logs show together: ``ftbias diagnose --pool``."""
 
     def by_robot(self) -> dict[tuple[str, str], list[FleetLog]]:
         """Records by (robot, sensor), in the order of names."""
         groups: dict[tuple[str, str], list[FleetLog]] = {}
         for record in self.records:
             groups.setdefault((record.robot, record.sensor), []).append(record)
+        for group in self.pooled:
+            groups.setdefault(group, [])
         return dict(sorted(groups.items()))
 
 
@@ -82,10 +90,11 @@ def read_fleet(folders: Sequence[str]) -> Fleet:
     Raises:
         UsageError: there is no manifest. LogError: one is larger than manifests get.
     """
-    found, reports = list[tuple[str, Contents]](), set[str]()
+    found, reports, courses = list[tuple[str, Contents]](), set[str](), dict[str, tuple[Course, ...]]()
     for archive in map(Place, folders):
-        names = archive.manifests()
-        with archive.reading(names) as here:
+        names, together = archive.named(), archive.named(f"*{POOLED}")
+        with archive.reading([*names, *together]) as here:
+            courses |= dict(load_courses(os.path.join(here, name)) for name in together)
             inner = sorted(set(map(os.path.dirname, names)))
             read = [(folder, read_manifests(os.path.join(here, folder))) for folder in inner]
         pages = {os.path.join(folder, _report_of(entry)) for folder, some in read for entry in some.entries.values()}
@@ -106,7 +115,9 @@ def read_fleet(folders: Sequence[str]) -> Fleet:
             entries.setdefault((*name, log), []).append((place, entry))
     records = [_record(robot, sensor, of_log, reports) for (robot, sensor, _), of_log in entries.items()]
     ordered = sorted(records, key=lambda record: (record.date, record.log))
-    return Fleet(tuple(ordered), tuple(settings.values()), tuple(place for place, _ in found), damaged)
+    known = {os.path.basename(one.setup): (one.robot or UNKNOWN, one.sensor) for one in settings.values()}
+    pooled = {known.get(of_setup, (of_setup, "")): some for of_setup, some in courses.items()}
+    return Fleet(tuple(ordered), tuple(settings.values()), tuple(place for place, _ in found), damaged, pooled)
 
 
 def _report_of(entry: Entry) -> str:

@@ -142,7 +142,7 @@ def contents_of(place: Place) -> Contents:
     """
     if not is_url(place.root):
         return read_manifests(place.root)
-    with place.reading(name for name in place.manifests() if not os.path.dirname(name)) as folder:
+    with place.reading(name for name in place.named() if not os.path.dirname(name)) as folder:
         return read_manifests(folder)
 
 

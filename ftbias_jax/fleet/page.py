@@ -13,8 +13,9 @@ import numpy as np
 from ftbias_jax import __version__
 from ftbias_jax.diagnosis.report.page import html_table, section, table_of, whole_page
 from ftbias_jax.diagnosis.report.svg import escape
-from ftbias_jax.diagnosis.report.tables import verdict_words
-from ftbias_jax.fleet.alarms import Alarm, alarms_of, bias_trend, dates, day, scalars_of, size, values_of
+from ftbias_jax.diagnosis.report.tables import day, verdict_words
+from ftbias_jax.diagnosis.result import Course
+from ftbias_jax.fleet.alarms import Alarm, alarms_of, bias_trend, dates, scalars_of, size, values_of
 from ftbias_jax.fleet.entry import FAILED, LOSS
 from ftbias_jax.fleet.history import Fleet, FleetLog
 from ftbias_jax.fleet.manifest import damaged_in_words
@@ -35,6 +36,7 @@ HOW_TO_READ = (
     "A bias ages if it follows a line over the dates by more than five standard errors, which grow with how much "
     "neighbouring logs have in common, and by more than a random walk goes by itself. A cause appears if most logs "
     "since some date have it and few had it before; two logs at the end are the least.",
+    "What logs show together is what ftbias diagnose --pool by=robot found: no single log needs to show it.",
     "Logs whose stamps are no dates stand at the time when their file was changed last.",
 )
 
@@ -44,7 +46,7 @@ Group = tuple[str, str]
 def to_page(fleet: Fleet, title: str, folder: str) -> str:
     """The page; ``folder`` is where it will be, for links to reports of single logs."""
     groups = fleet.by_robot()
-    alarms = {group: alarms_of(records) for group, records in groups.items()}
+    alarms = {group: alarms_of(records, fleet.pooled.get(group, ())) for group, records in groups.items()}
     gaps = sorted((r for r in fleet.records if r.has_gap), key=lambda r: -np.nan_to_num(r.numbers("gap_sigmas", 1)[0]))
     bad = [record for record in fleet.records if record.status in (FAILED, LOSS)]
     sections = (
@@ -52,7 +54,7 @@ def to_page(fleet: Fleet, title: str, folder: str) -> str:
         section("Robots and sensors", _overview(groups, alarms)),
         section(f"Logs with a gap ({len(gaps)})", _gaps(gaps, folder)),
         *(
-            section(f"{name(group)}, over time", _plots(number, records))
+            section(f"{name(group)}, over time", _plots(number, records, fleet.pooled.get(group, ())))
             for number, (group, records) in enumerate(groups.items())
             if number < MOST_PLOTTED
         ),
@@ -154,7 +156,7 @@ def _gaps(records: Sequence[FleetLog], folder: str) -> str:
     return table_of(head, rows[:FIRST_ROWS]) + folded + more
 
 
-def _plots(number: int, records: Sequence[FleetLog]) -> str:
+def _plots(number: int, records: Sequence[FleetLog], courses: Sequence[Course]) -> str:
     whole = [record for record in records if record.quality]
     t, parts = dates(whole), []
     bias, std = values_of(whole, "bias"), values_of(whole, "bias_std")
@@ -171,6 +173,9 @@ def _plots(number: int, records: Sequence[FleetLog]) -> str:
     gap = scalars_of(whole, "gap_sigmas")
     if np.isfinite(gap).any():
         parts.append(plot_history(f"gap-{number}", "Gap [noise sigmas]", t, gap))
+    for place, one in enumerate(courses):
+        title = f"{one.effect}, share of what it is in the latest logs"
+        parts.append(plot_history(f"course-{number}-{place}", title, one.dates, one.share, one.stderr))
     figures = "".join(f"<figure>{part}</figure>" for part in parts)
     return f"<div class='grid'>{figures}</div>{_causes(number, whole)}"
 

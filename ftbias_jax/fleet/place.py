@@ -53,11 +53,11 @@ class Place(NamedTuple):
         paths = {name: Path(self.root, name) for name in names}
         return {name: path.stat().st_size for name, path in paths.items() if path.is_file()}
 
-    def manifests(self) -> list[str]:
-        """Names of all manifests in and below it."""
+    def named(self, pattern: str = MANIFESTS) -> list[str]:
+        """Names of all files in and below it that match a pattern, such as its manifests."""
         if is_url(self.root):
-            return [name for name in sizes_below(self.root) if Path(name).match(MANIFESTS)]
-        return [os.path.relpath(path, self.root) for path in Path(self.root).rglob(MANIFESTS)]
+            return sorted(name for name in sizes_below(self.root) if Path(name).match(pattern))
+        return sorted(os.path.relpath(path, self.root) for path in Path(self.root).rglob(pattern))
 
     @contextmanager
     def reading(self, names: Iterable[str]) -> Iterator[str]:

@@ -20,7 +20,8 @@ from ftbias_jax.diagnosis.report.svg import (
     line,
     thin,
 )
-from ftbias_jax.fleet.alarms import MOST_BINS, Trend, day
+from ftbias_jax.diagnosis.report.tables import day
+from ftbias_jax.fleet.alarms import MOST_BINS, Trend
 from ftbias_jax.types import Array
 
 SECONDS = {"m": 60.0, "h": 3600.0, "D": 86400.0, "M": 365.25 * 86400 / 12}

@@ -87,13 +87,6 @@ def add_at(vector: Vector, j: int, value: Array) -> Vector:
     return [entry + value if a == j else entry for a, entry in enumerate(vector)]
 
 
-def add_column(P: Rows, j: int, column: Vector, corner: Array) -> Rows:
-    """P + (v e_j^T + e_j v^T) / 2 + s e_j e_j^T."""
-    P = [add_at(row, j, column[a] / 2) for a, row in enumerate(P)]
-    P[j] = add_at([entry + v / 2 for entry, v in zip(P[j], column, strict=True)], j, corner)
-    return P
-
-
 def symmetric(k: int, entry: Callable[[int, int], Array]) -> Rows:
     """A symmetric matrix from the entries of its upper triangle: symmetric to the last bit, at half the work."""
     upper = {(a, b): entry(a, b) for a in range(k) for b in range(a, k)}

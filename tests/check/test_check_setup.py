@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 import small_checks
+from scipy.signal import butter, lfilter
 from small_checks import checked, right_log
 
 import ftbias_jax as ft
@@ -62,6 +63,16 @@ CHANGES = {
     "time_offset": (shifted(0.8), {"effects.time_delay.delay": 0.8}),
     "raw_offset": (lambda t, arrays: arrays.update(wrench=arrays["wrench"] - 12800.0), None),
 }
+
+
+@pytest.mark.parametrize("cutoff", [0.45, 0.6, 1.0])
+def test_a_sensor_with_a_low_cutoff_is_no_clock_that_differs(cutoff):
+    """A Butterworth filter of the second order delays what is slow by 0.23 s over its cutoff in Hz."""
+    tables, arrays = right_log(seed=3)
+    wrench = lfilter(*butter(2, cutoff, fs=100), arrays["wrench"] - arrays["wrench"][0], axis=0) + arrays["wrench"][0]
+    assert names(checked(tables, arrays | {"wrench": wrench})) == []
+    CHANGES["time_offset"][0](tables, arrays)
+    assert names(checked(tables, arrays)) == ["time_offset"]
 
 
 @pytest.mark.parametrize("mistake", CHANGES)

@@ -33,7 +33,7 @@ def test_files_are_there_once_all_are_written(place):
         for name in ("a.npz", "manifest.filter.jsonl"):
             open(f"{folder}/{name}", "wb").close()
     assert place.sizes(["a.npz", "b.npz"]) == {"a.npz": 0}
-    assert place.manifests() == [NAME]
+    assert place.named() == [NAME]
     with place.reading(["a.npz", "b.npz"]) as folder:
         assert Place(folder).sizes(["a.npz", "b.npz"]) == {"a.npz": 0}
 
@@ -66,7 +66,7 @@ def test_a_store_that_cannot_be_written_is_told(store, monkeypatch):
 def test_names_that_lead_out_of_the_bucket_are_refused(store, monkeypatch):
     monkeypatch.setattr(type(store), "find", lambda *given, **named: {"/bucket/results/../manifest.json": {"size": 1}})
     with pytest.raises(LogError, match="which is not in it"):
-        Place("memory://bucket/results").manifests()
+        Place("memory://bucket/results").named()
 
 
 def objects(store):

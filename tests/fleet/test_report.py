@@ -208,3 +208,31 @@ def test_dates_on_the_axis_are_few_and_round(days):
     assert 1 <= len(ticks) <= 6
     assert all(low <= stamp <= low + days * 86400 for stamp, _ in ticks)
     assert len({words for _, words in ticks}) == len(ticks)
+
+
+def test_a_cause_that_logs_show_together_is_an_alarm_of_its_robot(folder, tmp_path, capsys):
+    dates = made_fleets.START.timestamp() + 86400 * np.arange(20.0)
+    course = {
+        "effect": "mount_rotation",
+        "begins": "growing",
+        "since": dates[12],
+        "earliest": dates[10],
+        "latest": dates[13],
+        "dates": dates.tolist(),
+        "share": np.clip(np.arange(-11, 9) / 8, 0, None).tolist(),
+        "stderr": [0.1] * 20,
+        "before": 0.01,
+        "scatter": 0.1,
+    }
+    content = {"provenance": {"setup": {"name": "cell 1.toml"}}, "courses": [course]}
+    path = folder / "cell_1" / "x.pooled.json"
+    path.write_text(json.dumps(content))
+    try:
+        assert main(["report", str(folder), "-o", str(tmp_path / "page.html")]) == 0
+    finally:
+        path.unlink()
+    words = "mount_rotation: since 2026-01-17 (95 %: 2026-01-15 to 2026-01-18), growing since, 1 % of it before"
+    assert f"cell 1, sensor FT-01: logs together show {words}" in capsys.readouterr().out
+    text = (tmp_path / "page.html").read_text()
+    assert words in text
+    assert "mount_rotation, share of what it is in the latest logs" in text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import sys
 from collections.abc import Mapping
@@ -19,7 +20,9 @@ from ftbias_jax.fleet.quality import of_diagnosis
 from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.outputs import output_of_setup
+from ftbias_jax.io.remote import is_url
 from ftbias_jax.io.write.ours import DIAGNOSIS, PAGE, SETUP
+from ftbias_jax.io.write.provenance import FIRST_DATE, LAST_DATE
 from ftbias_jax.runtime.imports import many_imports
 from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import Setup
@@ -30,7 +33,7 @@ ANSWER, REPORT, APPLIED = ".diagnosis.json", ".diagnosis.html", ".applied.toml"
 
 def run(arguments: argparse.Namespace) -> int:
     """Diagnose the logs; 1 if a cause cannot be applied or should not be, 3 if samples of a log were lost, else 0."""
-    if arguments.output and is_folder(arguments.output):
+    if arguments.output and is_folder(arguments.output) and not arguments.pool:
         return _each(arguments)
     _check_apply(arguments)
     setup = setup_of(arguments)
@@ -59,7 +62,14 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             logs = [_against_columns(setup, log) for log in logs]
         without, unchecked = tuple(arguments.without), arguments.unchecked
-        diagnosis = diagnose(setup, logs, names, without=without, unchecked=unchecked, progress=stages)
+        asked = {"without": without, "unchecked": unchecked, "progress": stages}
+        if arguments.pool:
+            from ftbias_jax.diagnosis.pooled import diagnose_pooled
+
+            diagnosis = diagnose_pooled(setup, logs, list(map(date_of, paths, logs)), names, **asked)
+            logs = [log for name, log in zip(names, logs, strict=True) if name in diagnosis.logs]
+        else:
+            diagnosis = diagnose(setup, logs, names, **asked)
     diagnosis = diagnosis._replace(command=_command(paths, arguments.setup))
     print(diagnosis)
     if arguments.json:
@@ -79,6 +89,11 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"ftbias: not applied: {why}", file=sys.stderr)
     code = tell_repairs(zip(paths, diagnosis.repairs, strict=True))
     return 1 if not_stated else code
+
+
+def date_of(path: str, log: Log) -> float:
+    """s since 1970: when a log began, by its own stamps, or when its file was changed last."""
+    return log.start if FIRST_DATE < log.start < LAST_DATE or is_url(path) else os.path.getmtime(path)
 
 
 def _against_columns(setup: Setup, log: Log) -> Log:

@@ -43,7 +43,9 @@ def run(arguments: argparse.Namespace) -> int:
     if fleet is not None:
         groups = fleet.by_robot()
         alarms = [
-            printable(f"{name_of(group)}: {alarm.text}") for group, some in groups.items() for alarm in alarms_of(some)
+            printable(f"{name_of(group)}: {alarm.text}")
+            for group, some in groups.items()
+            for alarm in alarms_of(some, fleet.pooled.get(group, ()))
         ]
         print("\n".join([*alarms, f"{len(fleet.records)} logs of {len(groups)} robots, {len(alarms)} alarms"]))
         if fleet.damaged:

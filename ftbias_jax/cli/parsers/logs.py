@@ -123,6 +123,13 @@ OF_LOGS = {
                 nargs="+",
                 default=[],
             ),
+            option(
+                "--pool",
+                "by=robot",
+                "LOGs of one robot over time: diagnose the latest ones together, and say when each cause began and how "
+                "it went on; ftbias report shows what --json writes as *.pooled.json",
+                choices=("by=robot",),
+            ),
             UNCHECKED,
             OWN_EFFECTS,
             ARCHIVE,

@@ -19,7 +19,9 @@ from ftbias_jax.diagnosis.thresholds import (
     CHANCE,
     FAINT,
     FOLDS,
+    LEADS,
     LEFT,
+    SHARE_OF_JOINTS,
     SILENT,
     USEFUL_SHARE,
 )
@@ -111,6 +113,13 @@ def excess_by_chance(problem: Problem) -> float:
     """Standard error of the mean excess over the channels if the innovations are white noise of the measured size."""
     relative = problem.variance / problem.noise_std**2
     return float(np.sqrt(2 * ((_weights(problem) * relative) ** 2).sum()) / 6)
+
+
+def least_beside_joints(problem: Problem) -> float:
+    """Mean square gap, in noise variances, that errors of the joints may make, and that a cause must remove."""
+    coherent = np.concatenate([np.zeros((0, 6)), *(part.coherent for part in problem.parts)])
+    joints = float((_weights(problem)[: len(coherent)] * coherent / problem.noise_std**2).sum(0).mean())
+    return min(SHARE_OF_JOINTS * joints, LEADS**2)
 
 
 def excess_by_size(problem: Problem) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
+from ftbias_jax.diagnosis.result import Candidate, Course, Diagnosis, FoundTerm
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.atomic import read_json, write_json
 
@@ -53,6 +53,7 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "provenance": diagnosis.provenance,
         "losses": diagnosis.losses,
         "by_log": [log._asdict() for log in diagnosis.by_log],
+        "courses": [course._asdict() for course in diagnosis.courses],
     }
     plain: dict[str, Any] = _plain(content)
     return plain
@@ -75,6 +76,27 @@ def load_found(path: str) -> tuple[tuple[Candidate, ...], tuple[FoundTerm, ...],
         remedy = "give what ftbias diagnose --json writes"
         raise LogError(f"is no diagnosis: {error!r}", file=path, remedy=remedy) from error
     return causes, terms, content
+
+
+def load_courses(path: str) -> tuple[str, tuple[Course, ...]]:
+    """Name of the setup of a saved diagnosis of pooled logs, and how its causes went on.
+
+    Raises:
+        LogError: it cannot be read, or is no such diagnosis.
+    """
+    content = read_json(path, "a diagnosis")
+    try:
+        courses = tuple(Course(**course) for course in content["courses"])
+        arrays = [[np.array(x, float) for x in (one.dates, one.share, one.stderr)] for one in courses]
+        if any(len({x.shape for x in some}) > 1 or some[0].ndim != 1 or not len(some[0]) for some in arrays):
+            raise ValueError("dates and shares do not match")
+        return str(content["provenance"]["setup"]["name"]), tuple(
+            one._replace(dates=dates, share=share, stderr=stderr)
+            for one, (dates, share, stderr) in zip(courses, arrays, strict=True)
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        remedy = "give what ftbias diagnose --pool by=robot --json writes"
+        raise LogError(f"is no diagnosis of pooled logs: {error!r}", file=path, remedy=remedy) from error
 
 
 def _fields(entry: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from ftbias_jax.diagnosis.report.page import (
     whole_page,
 )
 from ftbias_jax.diagnosis.report.svg import escape
-from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm, Where
+from ftbias_jax.diagnosis.result import Candidate, Course, Diagnosis, FoundTerm, Where
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.types import AXES
@@ -71,6 +71,7 @@ def to_html(diagnosis: Diagnosis, title: str) -> str:
     sections = (
         section("What to do", _remedies(diagnosis)),
         section("Causes", _causes(diagnosis.causes)),
+        section("Since when", _courses(diagnosis.courses)),
         section("Not in the catalogue", _terms(diagnosis.terms)),
         section("The gap before and after" if _has_after(diagnosis) else "The gap", _gap(diagnosis)),
         section("Log by log", paragraphs(words.log_lines(diagnosis))),
@@ -116,6 +117,16 @@ def _causes(causes: Sequence[Candidate]) -> str:
         else:
             parts.append(html_table(("parameter", "found ± standard error"), found))
     return "".join(parts)
+
+
+def _courses(courses: Sequence[Course]) -> str:
+    """When each cause began, and how it went on."""
+    caption = "Every log with the standard error of its share; dashed: the first log that has the cause."
+    return "".join(
+        f"<p>{typeset(capital(words.course_words(one)))}.</p>"
+        + figure(plots.plot_course(one, f"course-{number}"), caption)
+        for number, one in enumerate(courses)
+    )
 
 
 def _terms(terms: Sequence[FoundTerm]) -> str:

@@ -24,8 +24,8 @@ from ftbias_jax.diagnosis.report.svg import (
     thin,
     x_axis,
 )
-from ftbias_jax.diagnosis.report.tables import percent, sigmas_by_channel
-from ftbias_jax.diagnosis.result import Curve, Gap, Series
+from ftbias_jax.diagnosis.report.tables import course_words, day, percent, sigmas_by_channel
+from ftbias_jax.diagnosis.result import ALL_ALONG, Course, Curve, Gap, Series
 from ftbias_jax.types import AXES, AXIS_UNITS
 
 MAX_BUCKETS = 230
@@ -107,6 +107,20 @@ def plot_term(found: Curve, name: str) -> str:
     lines = {"before": found.left, "after": found.fitted}
     words = f"Means of {MEAN_BINS} bins with standard errors."
     return _against(name, found.drive, found.drive_name, found.left_name, lines, words)
+
+
+def plot_course(course: Course, name: str) -> str:
+    """The share of a cause by date, in days since the first log, and when it began; name: unique in the page."""
+    days, began = ((x - course.dates[0]) / 86400 for x in (course.dates, np.array(course.since)))
+    shown = (course.share - course.stderr, course.share + course.stderr)
+    axes = Axes(data_range(days), data_range(*shown, zero=True), top=24)
+    below = x_axis(axes, f"days since {day(course.dates[0])}")
+    parts = [frame(axes, f"{course.effect}, share of what it is in the latest logs", below)]
+    parts.append(error_bars(axes, days, course.share, course.stderr, "mean-after"))
+    if course.begins != ALL_ALONG:
+        x = float(axes.across(began))
+        parts.append(line(x, axes.top, x, axes.top + axes.height, "reference"))
+    return drawing(name, axes.top + axes.height + 34, f"{course.effect} by date", course_words(course), parts)
 
 
 def _against(name: str, x: np.ndarray, x_name: str, y_name: str, lines: dict[str, np.ndarray], words: str) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ftbias_jax import __version__
 from ftbias_jax.diagnosis.report.sentence import SMALL
-from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm, Gap, Where
+from ftbias_jax.diagnosis.result import ALL_ALONG, AT_ONCE, Candidate, Course, Diagnosis, FoundTerm, Gap, Where
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.types import AXES
 
@@ -29,6 +29,7 @@ def to_table(diagnosis: Diagnosis) -> str:
         *(_cause_lines(cause) for cause in diagnosis.causes),
         *(_term_lines(term) for term in diagnosis.terms),
         _gap_lines(diagnosis.gap),
+        list(map(course_words, diagnosis.courses)),
         log_lines(diagnosis),
         _where_lines(diagnosis.where) if diagnosis.verdict != "none" else [],
         [f"lost: {loss}" for loss in diagnosis.losses],
@@ -160,6 +161,22 @@ def log_lines(diagnosis: Diagnosis) -> list[str]:
         says = f"; alone it says {', '.join(alone)}, {log.own_gain:.2g} nats/s better" if alone else ""
         lines.append(one_line(f"{log.name}: {gap}{says}"))
     return lines
+
+
+def course_words(course: Course) -> str:
+    """When a cause began, and how it goes on."""
+    varies = f"; it varies by {percent(course.scatter)} from log to log" if course.scatter else ""
+    if course.begins == ALL_ALONG:
+        return f"{course.effect}: in all {len(course.dates)} logs since {day(course.since)}{varies}"
+    dates = dict.fromkeys(map(day, (course.earliest, course.latest)))
+    begins = "there at once" if course.begins == AT_ONCE else "growing since"
+    before = f"{percent(course.before)} of it before"
+    return f"{course.effect}: since {day(course.since)} (95 %: {' to '.join(dates)}), {begins}, {before}{varies}"
+
+
+def day(date: float) -> str:
+    """Such as 2026-03-14."""
+    return datetime.fromtimestamp(date, UTC).strftime("%Y-%m-%d")
 
 
 def shrink_words(gap: Gap) -> str:

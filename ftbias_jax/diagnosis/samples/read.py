@@ -16,7 +16,7 @@ from ftbias_jax.diagnosis.samples.noise import WINDOW, Noise, fast_waves, judge_
 from ftbias_jax.diagnosis.samples.rows import Samples, select
 from ftbias_jax.diagnosis.samples.spikes import REACH, Spikes, find_outliers, find_spikes
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
-from ftbias_jax.diagnosis.thresholds import AROUND_CLIPPED, COARSE, LEAST_SCATTER, LEAST_WINDOWS
+from ftbias_jax.diagnosis.thresholds import AROUND_CLIPPED, COARSE, FORM_LOSS, LEAST_SCATTER, LEAST_WINDOWS
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.types import Array
@@ -71,7 +71,10 @@ def inspect_samples(
     if in_motion is None and not jitter.detected:
         growth = _growth(kept.only(~(spikes.wild | saturated.any(1))), step)
     if growth.detected:
-        spikes, noise, jitter = _scatter(kept.at_rest(growth.relative), step, saturated, late_stamps=late_stamps)
+        as_at_rest = kept.at_rest(growth.relative)
+        spikes, noise, jitter = _scatter(as_at_rest, step, saturated, late_stamps=late_stamps)
+        if jitter.detected and jitter.nats < FORM_LOSS * growth.nats:  # what the form of growth leaves
+            spikes, noise, jitter = _scatter(as_at_rest, step, saturated, late_stamps=False)
 
     def six(values: np.ndarray, neutral: float | np.ndarray = 0.0) -> np.ndarray:
         """Channels that are not measured get a neutral value."""

@@ -100,13 +100,16 @@ def describe(
     if not steps and (explained or stands or gap_of(problem, accepted) < NEARLY * gap_of(problem, base)):
         return answer
     fit = steps[-1].described.fit if steps else kept
+    # Nor does one that removes less of the gap than they do.
+    if not explained and not stands and not _holds(problem, hold_out, base, fit, accepted, 1 - NEARLY):
+        return answer
     if explained:
         numbers = kept.degrees + sum(numbers_of(term) for term in steps[-1].described.terms)
         ours, theirs = (
             merit_of(one.log_likelihood - base.log_likelihood, count)
             for one, count in ((fit, numbers), (accepted, accepted.degrees))
         )
-        if ours < CLEARLY * theirs or not _holds(problem, hold_out, base, fit, accepted):
+        if ours < CLEARLY * theirs or not _holds(problem, hold_out, base, fit, accepted, AS_WELL):
             return answer
     moved = kept._replace(z=fit.z, coefficients=fit.coefficients) if kept.hypotheses else kept
     return Outcome(Description(moved, said, fit, tuple(steps), search))
@@ -163,7 +166,7 @@ def _rivals(problem: Problem, base: Fit, accepted: Fit, found: Sequence[tuple[fl
     return tuple(term for term in terms if term.drive != SAME[search])
 
 
-def _holds(problem: Problem, hold_out: Judge, base: Fit, fit: Fit, accepted: Fit) -> bool:
-    """Whether a fit removes as much of the gap as the accepted one on blocks that neither has seen."""
+def _holds(problem: Problem, hold_out: Judge, base: Fit, fit: Fit, accepted: Fit, share: float) -> bool:
+    """Whether a fit removes such a share of what the accepted one does on blocks that neither has seen."""
     ours, theirs = (gap_removed(problem, base.error, hold_out(one, base.error).error) for one in (fit, accepted))
-    return ours > AS_WELL * theirs
+    return ours > share * theirs

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis import thresholds
-from ftbias_jax.diagnosis.evidence.gap import HeldOut, Judge, gap_removed
+from ftbias_jax.diagnosis.evidence.gap import HeldOut, Judge, gap_removed, least_beside_joints
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import readings
 from ftbias_jax.diagnosis.regression.fit import Fit, compared
@@ -106,7 +106,11 @@ class Search:
             first: ``best(start)``.
         """
         steps: list[Step] = []
-        least = max(thresholds.LEAST_SIGMAS**2, thresholds.LEAST_SHARE_OF_GAP * gap_of(self.problem, self.base))
+        least = max(
+            thresholds.LEAST_SIGMAS**2,
+            thresholds.LEAST_SHARE_OF_GAP * gap_of(self.problem, self.base),
+            least_beside_joints(self.problem),
+        )
         now = start
         while len(steps) < thresholds.MOST_TERMS and (not steps or gap_of(self.problem, now) > least):
             chosen = steps[-1].described.terms if steps else ()

@@ -17,6 +17,8 @@ AHEAD = 1.0
 """s: how far ahead the reading is predicted."""
 WORSE = 1.1
 """Factor from which a residual is larger than the reading itself."""
+MODEL_OFF = 0.05
+"""Share of the samples, outside of contact, from which on what the gate keeps out is a finding about the model."""
 FAR = 8.0
 """Standard deviations: noise does not do that."""
 
@@ -33,7 +35,8 @@ class Tally(NamedTuple):
     """Sums over the samples so far."""
 
     moments: tuple[Moments, ...]
-    """Of the wrench as read, of the corrected one minus the tool model, and of the error of predicting it AHEAD."""
+    """Of the wrench as read, of the corrected one minus the tool model, of the error of predicting it AHEAD, and of the
+    corrected one minus the tool model where the gate kept it out and nothing is known to touch the tool."""
     counts: Array
     """(5,) sum of the NIS, measured axes of all samples that the filter took in, samples, those of which it took in
     nothing, and those with an axis FAR off its prediction that it did take in."""
@@ -51,6 +54,10 @@ class Summary(NamedTuple):
     samples: int
     gated: int
     """Of them, not used."""
+    off: int
+    """Of them, measured, not used, and outside of what was found to be contact."""
+    off_rms: Array
+    """There: rms of corrected wrench minus tool model; NaN = there are none."""
     far: int
     """Of them, used with an axis FAR standard deviations off its prediction or farther."""
     seconds: float
@@ -73,7 +80,7 @@ class Summary(NamedTuple):
 def start() -> Tally:
     """Before the first part."""
     nothing = Moments(np.zeros(6), np.zeros(6), np.zeros(6))
-    return Tally((nothing, nothing, nothing), np.zeros(5), np.nan, None, None)
+    return Tally((nothing,) * 4, np.zeros(5), np.nan, None, None)
 
 
 def add(tally: Tally, part: Filtered, noise: BiasNoise) -> Tally:
@@ -99,7 +106,10 @@ def add(tally: Tally, part: Filtered, noise: BiasNoise) -> Tally:
     predicted = part.wrench_tool[known] - expected_ahead(bias[past], drift[past], slow[past], times, elapsed)
     far = np.abs(part.innovation) > FAR * part.innovation_std
     keep = max(np.searchsorted(t, part.t[-1] - AHEAD, side="right") - 1, 0)
-    values = (raw, part.wrench_unbiased - part.wrench_tool, raw[known] - predicted)
+    residual = part.wrench_unbiased - part.wrench_tool
+    # Where nobody looked for contact, all that the gate kept out may be some.
+    off = ~used & (False if part.in_contact is None else ~part.in_contact)
+    values = (raw, residual, raw[known] - predicted, residual[off & np.isfinite(residual).any(1)])
     moments = tuple(map(_merge, tally.moments, values))
     taken, left_out = np.count_nonzero(measured), np.count_nonzero(~used)
     counts = [float(part.nis.sum()), taken, len(part.t), left_out, far.any(1).sum() if far.any() else 0]
@@ -112,13 +122,15 @@ def finish(tally: Tally) -> Summary:
     last = tally.last
     assert last is not None
     with np.errstate(invalid="ignore"):
-        raw_std, residual_std, ahead_std = (np.sqrt(x.squares / x.count) for x in tally.moments)
+        raw_std, residual_std, ahead_std, off_std = (np.sqrt(x.squares / x.count) for x in tally.moments)
+        off_rms = np.hypot(off_std, np.where(tally.moments[3].count > 0, tally.moments[3].mean, np.nan))
     one_second_rms = np.hypot(ahead_std, tally.moments[2].mean)
     bias, bias_std, drift, drift_std = (x[-1] for x in (last.bias, last.bias_std, last.drift, last.drift_std))
     nis, used, samples, gated, far = tally.counts.tolist()
     seconds, mean_nis = float(last.t[-1]) - tally.first, nis / used if used else np.nan
     at_end = (bias, bias_std, drift, drift_std, raw_std, residual_std, one_second_rms)
-    return Summary(int(samples), int(gated), int(far), seconds, *at_end, mean_nis)
+    off = int(tally.moments[3].count.max())
+    return Summary(int(samples), int(gated), off, off_rms, int(far), seconds, *at_end, mean_nis)
 
 
 def worse_than_raw(summary: Summary) -> bool:
@@ -148,6 +160,10 @@ def format_summary(summary: Summary) -> str:
 
 def _gate_lines(summary: Summary) -> list[str]:
     """What the gate did, or could do. Where very many samples are off, the model may be wrong, which no gate mends."""
+    if summary.off > MODEL_OFF * summary.samples:
+        force, torque = (np.sqrt(np.nansum(x**2)) for x in (summary.off_rms[:3], summary.off_rms[3:]))
+        share = f"{summary.off} samples ({summary.off / summary.samples:.0%}) outside of contact"
+        return [f"{share} did not pass the gate: the model is off by {force:.2g} N, {torque:.2g} Nm; ftbias diagnose"]
     if summary.gated:
         return [f"{summary.gated} samples ({summary.gated / summary.samples:.2%}) did not pass the gate: contact?"]
     if summary.far:

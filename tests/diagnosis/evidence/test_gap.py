@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from small_fits import residual, shift, small_fit
 
-from ftbias_jax.diagnosis.evidence.gap import alone_in, verdict_of
-from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.evidence.gap import alone_in, least_beside_joints, verdict_of
+from ftbias_jax.diagnosis.problem import Part, Problem
 from ftbias_jax.diagnosis.report.sentence import headline
 from ftbias_jax.diagnosis.result import Gap
 
@@ -17,6 +17,13 @@ def problem():
     ones = np.ones((bins, 6))
     t = 0.01 * np.arange(bins)
     return Problem((), t, np.zeros(bins, int), ones, ones, np.zeros(bins), (t[-1],), np.ones(6), {})
+
+
+@pytest.mark.parametrize(("variance", "least"), [(0.0, 0.0), (0.2, 0.05), (4.0, 0.09)])
+def test_the_less_the_joints_are_known_the_more_must_a_cause_remove(problem, variance, least):
+    part = Part(*[None] * 5, coherent=np.full((10_000, 6), variance))
+    assert least_beside_joints(problem._replace(parts=(part,))) == pytest.approx(least)
+    assert least_beside_joints(problem) == 0.0
 
 
 def gap(before, after, shrink_stderr=0.01):

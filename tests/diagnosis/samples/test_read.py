@@ -333,3 +333,11 @@ def test_unrest_in_contact_is_not_late_stamps():
     assert not recording.inspect(of_contact, touched=touched).jitter.detected
     assert recording.inspect(everywhere, touched=touched).jitter.detected
     assert recording.inspect(everywhere, touched=np.zeros(len(touched), bool)).jitter.detected
+
+
+def test_little_scatter_of_stamps_beside_much_growth_is_what_the_form_of_growth_leaves():
+    recording = Recording(16, 250.0, 60.0)
+    late = 0.006 * recording.rng.normal(size=len(recording.t))
+    moved = np.stack([np.interp(recording.t - late, recording.t, x) for x in recording.model.T], 1)
+    assert names(recording.inspect(moved + 3 * grown(recording))) == ("noise_level", "vibration")
+    assert "stamp_jitter" in names(recording.inspect(moved + recording.noise))

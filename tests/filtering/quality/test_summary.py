@@ -23,6 +23,7 @@ def filtered():
     fields = {name: rng.normal(size=(COUNT, 6)) for name in ARRAYS}
     fields["t"] = 100 + np.cumsum(rng.uniform(0.01, 0.3, COUNT))
     fields["nis"] = rng.uniform(0, 12, COUNT)
+    fields["in_contact"] = np.zeros(COUNT, bool)
     for name in ("wrench_unbiased", "innovation"):
         fields[name][10:20, 1] = np.nan
         fields[name][:, 4] = np.nan
@@ -87,3 +88,22 @@ def test_what_the_prior_says_before_any_reading_counts_is_no_prediction(filtered
     got = summarised(replace(filtered, innovation=innovation), noise)
     np.testing.assert_allclose(got.one_second_rms, late.one_second_rms)
     assert got.samples == COUNT
+
+
+def test_what_the_gate_keeps_out_beside_contact_is_a_finding_about_the_model(filtered, noise):
+    innovation, touched = filtered.innovation.copy(), np.zeros(COUNT, bool)
+    innovation[30:40], touched[36:] = np.nan, True
+    got = summarised(replace(filtered, innovation=innovation, in_contact=touched), noise)
+    residual = (filtered.wrench_unbiased - filtered.wrench_tool)[30:36]
+    assert (got.gated, got.off) == (10, 6)
+    expected = np.sqrt((residual**2).mean(0))
+    np.testing.assert_allclose(got.off_rms, expected)
+    force, torque = (np.sqrt(np.nansum(x**2)) for x in (expected[:3], expected[3:]))
+    words = (
+        f"6 samples (10%) outside of contact did not pass the gate: the model is off by {force:.2g} N, {torque:.2g} Nm"
+    )
+    assert words in summary.format_summary(got)
+    touched[30:] = True
+    assert "contact?" in summary.format_summary(
+        summarised(replace(filtered, innovation=innovation, in_contact=touched), noise)
+    )

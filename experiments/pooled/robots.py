@@ -1,0 +1,96 @@
+"""One robot's logs over sixty days, by physics that are not the package's; on one of the days something begins."""
+
+import sys
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+sys.path.append(str(Path(__file__).parents[1]))
+import ftbias_jax as ft
+from validation.generator.effects.catalogue import ENTRIES
+from validation.generator.effects.effect import Draw, Scene
+from validation.generator.effects.slow import bias_path
+from validation.generator.motion import random_motion
+from validation.generator.nominal_model import random_belief, setup_toml
+from validation.generator.recording import Timeline, gap_rms, in_sigmas, record
+from validation.generator.world import nominal_world, time_grid, wrench
+
+DAYS, DURATION, RATE = 60, 12.0, 250.0
+"""A log a day, s, Hz."""
+FIRST = 1_767_600_000.0
+"""s since 1970, 2026-01-05."""
+AGEING = {"gain": "scattered", "mount_rotation": "sensor_and_tool", "crosstalk": "sparse"}
+"""What gets worse from a day on, and the form that the generator has of it."""
+REFITS = {"cable": "forearm", "tool_mass": "point_at_com", "tool_com": "any_direction", "encoder_offset": "constant"}
+"""What is there all at once."""
+LARGEST_GAP = (0.15, 1.0)
+"""Noise sigmas, of the last day: a single log shows the larger ones alone."""
+BY_DAY = 0.15
+"""Standard deviation of the share that varies by day."""
+
+
+class History(NamedTuple):
+    """One robot's logs, and what was done to them."""
+
+    setup: ft.Setup
+    logs: list
+    cause: str
+    """"" = healthy."""
+    day: int
+    """The first with the cause."""
+    grows: bool
+    gap: float
+    """Noise sigmas, on the last day."""
+
+
+def history(seed, healthy):
+    """Sixty logs of one robot."""
+    rng = np.random.default_rng([seed, 0])
+    belief = replace(random_belief(rng), reports="wrench_on_tool")
+    setup = ft.parse_setup(tomllib.loads(setup_toml(belief)))
+    world, grid = nominal_world(belief), time_grid(DURATION)
+    scenes = [_scene(belief, world, grid, seed, day) for day in range(DAYS)]
+    names = list(AGEING | REFITS)
+    name = "" if healthy else names[seed % len(names)]
+    begins, share = int(rng.integers(10, 50)), np.zeros(DAYS)
+    if name:
+        since = np.arange(DAYS) - begins
+        share = np.where(since < 0, 0.0, (since + 1) / (DAYS - begins) if name in AGEING else 1.0)
+        share *= 1 + BY_DAY * rng.normal(size=DAYS)
+    wanted = float(np.exp(rng.uniform(*np.log(LARGEST_GAP))))
+    scale = _scale(name, scenes[-1], seed, wanted) if name else 0.0
+    logs = []
+    for day, (scene, part) in enumerate(zip(scenes, share, strict=True)):
+        effects = [_effect(name, scene, seed, float(scale * part))] if part else []
+        columns, _, _ = record(scene, effects, Timeline(None, True, 0), np.random.SeedSequence([seed, 2, day]))
+        stamps = FIRST + 86400.0 * day + columns["t"]
+        logs.append(ft.Log.from_arrays(setup, stamps, columns["q"], columns["wrench"], columns["dq"]))
+    return History(setup, logs, name, begins, name in AGEING, wanted if name else 0.0)
+
+
+def _scene(belief, world, grid, seed, day):
+    """A motion and a bias of the day."""
+    rng = np.random.default_rng([seed, 1, day])
+    kind, stamps = str(rng.choice(["sines", "moves", "trapezoids"])), np.arange(round(DURATION * RATE)) / RATE
+    motion = random_motion(kind, belief.arm, DURATION, rng.uniform(0.7, 1.4), rng)
+    bias = bias_path(stamps, belief.bias_density, rng)
+    return Scene(
+        belief, motion, DURATION, RATE, stamps, world, grid, wrench(world, motion, grid), bias, lambda t: 0 * t
+    )
+
+
+def _effect(name, scene, seed, scale):
+    form = (AGEING | REFITS)[name]
+    return ENTRIES[name][0](form, Draw(np.random.default_rng([seed, 3]), 1, scale), scene)
+
+
+def _scale(name, scene, seed, wanted):
+    """By which the drawn effect makes a gap of so many noise sigmas."""
+    scale = 1.0
+    for _ in range(4):
+        gap = in_sigmas(scene, gap_rms(scene, [_effect(name, scene, seed, scale)]))
+        scale *= float(wanted / max(gap, 1e-9))
+    return scale

@@ -1,0 +1,164 @@
+"""Logs of one robot over time: causes that no single log shows, the day on which each began, and how it goes on.
+
+The latest logs are diagnosed together, with parameters that they share. Then each cause is measured in every log, as a
+share of what it is in the latest ones, and the shares tell when it began, whether at once or growing, and how much they
+vary from log to log beside their errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from functools import partial
+
+import numpy as np
+
+from ftbias_jax.diagnosis import diagnose
+from ftbias_jax.diagnosis.problem import Problem, make_problem
+from ftbias_jax.diagnosis.regression.evaluate import measured, readings, whitened
+from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.diagnosis.result import ALL_ALONG, AT_ONCE, GROWING, Course, Diagnosis
+from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, FEWEST_POOLED, LEAST_GAIN, MOST_POOLED, POOLED_SHARE
+from ftbias_jax.errors import UsageError
+from ftbias_jax.io.cleaning import slices, survey
+from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.fitting import SUDDEN
+from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.own_effects import catalogue_of_setup
+from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.runtime.progress import silent
+from ftbias_jax.setup.types import Setup
+
+SCATTERS = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.33, 0.5])
+"""Standard deviations of a share from log to log that are tried."""
+
+
+@in_float64
+def diagnose_pooled(
+    setup: Setup,
+    logs: Sequence[Log],
+    dates: Sequence[float] = (),
+    names: Sequence[str] = (),
+    without: Collection[str] = (),
+    unchecked: bool = False,
+    progress: Callable[[str], None] = silent,
+) -> Diagnosis:
+    """Diagnose logs of one robot over time together: the latest ones, and the causes found there in all of them.
+
+    Args:
+        setup: what the robot's owner believes.
+        logs: (N,) of free motion with the same robot, sensor and tool, as for ``diagnose``.
+        dates: (N,) s since 1970; () = as stamped.
+        names: of the logs; () = "log 1", "log 2", ...
+        without: effects that may not be named.
+        unchecked: do not look first whether the setup can be right.
+        progress: called with the name of each stage as it begins.
+
+    Raises:
+        UsageError: too few logs. Others as of ``diagnose``.
+    """
+    if len(logs) < FEWEST_POOLED:
+        remedy = f"give {FEWEST_POOLED} logs or more of one robot, or leave out --pool"
+        raise UsageError(f"got {len(logs)} logs", field="logs", remedy=remedy)
+    stamped = np.array(dates or [log.start for log in logs], float)
+    order = np.argsort(stamped, kind="stable")
+    names = names or [f"log {i + 1}" for i in range(len(logs))]
+    logs, names, stamped = [logs[i] for i in order], [names[i] for i in order], stamped[order]
+    count = int(np.clip(POOLED_SHARE * len(logs), FEWEST_POOLED, MOST_POOLED))
+    # What happens in a moment of one log is no cause that logs share, but takes up what varies between them.
+    moments = {effect.name for effect in catalogue_of_setup(setup).searched_by(*SUDDEN)}
+    left_out = {*without, *moments, TERM}
+    diagnosis, answer = diagnose.explain(setup, logs[-count:], names[-count:], left_out, unchecked, progress)
+    progress("measuring causes in every log")
+    accepted = answer.accepted
+    told = [h.effect for h in accepted.hypotheses if not h.shapes]
+    courses: tuple[Course, ...] = ()
+    if diagnosis.causes and told:
+        with_tool, whole = diagnose.ready(setup, logs, [survey(slices(log)) for log in logs])
+        problem, _ = make_problem(with_tool, whole)
+        share, stderr = shares(problem, accepted)
+        courses = tuple(map(partial(course_of, stamped), told, share.T, stderr.T))
+    return diagnosis._replace(courses=courses)
+
+
+def shares(problem: Problem, accepted: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """(N, H) how much of each cause that a fit to other logs found there is in every log, and its standard error.
+
+    To first order around the fit: the innovations are e + sum_h a_h c_h, where c_h is what cause h does of them.
+    """
+    causes = [h for h in accepted.hypotheses if not h.shapes]
+    z = np.repeat(accepted.z[None], len(causes) + 1, 0)
+    for row, h in enumerate(causes, 1):
+        z[row, list({*h.free, *(place for place, _ in h.fixed)})] = 0
+    z = np.concatenate([np.zeros_like(z[:1]), z])
+    nominal, whole, *without = whitened(problem, readings(problem, z) - np.nan_to_num(measured(problem)))
+    columns = whole - np.stack(without)  # (H, U, 6)
+    found = [share_in(columns[:, own], nominal[own], problem.block(BLOCK_SECONDS)[own]) for own in _each(problem)]
+    share, stderr = (np.array(x) for x in zip(*found, strict=True))
+    return share, stderr
+
+
+def _each(problem: Problem) -> list[np.ndarray]:
+    """(U,) masks of the logs."""
+    return [problem.log == number for number in range(len(problem.parts))]
+
+
+def share_in(columns: np.ndarray, error: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(H,) coefficients of columns (H, U, 6), in standard deviations, that bring innovations (U, 6) nearest to zero.
+
+    With (H,) their standard errors, and (U,) the numbers of blocks.
+
+    These are widened where the scores of whole blocks scatter more than white noise would.
+    """
+    flat = columns.reshape(len(columns), -1)
+    normal = flat @ flat.T + 1e-12 * np.trace(flat @ flat.T) * np.eye(len(flat)) + 1e-300 * np.eye(len(flat))
+    inverse = np.linalg.inv(normal)
+    coefficients = -inverse @ (flat @ error.ravel())
+    left = error + np.tensordot(coefficients, columns, 1)
+    scores = np.stack([np.bincount(block - block[0], x) for x in (columns * left).sum(2)])
+    widened = inverse @ (scores @ scores.T) @ inverse
+    return coefficients, np.sqrt(np.maximum(np.diag(inverse), np.diag(widened)))
+
+
+def course_of(dates: np.ndarray, effect: str, share: np.ndarray, stderr: np.ndarray) -> Course:
+    """When a cause began, of its shares (N,) and their errors in logs of these dates (N,), in order.
+
+    Before the first log that has it the share is constant, and from then on constant or growing by a straight line;
+    it varies from log to log in proportion to what is there. The likeliest course must beat a constant one by what a
+    cause must gain.
+    """
+    days = (dates - dates[0]) / 86400
+    constant, level, scatter = _likeliest(np.ones((len(days), 1)), share, stderr, np.ones(len(days)))
+    shapes = [(AT_ONCE, k, (days >= days[k]).astype(float)) for k in range(1, len(days))]
+    shapes += [(GROWING, k, _ramp(days, k)) for k in range(1, len(days) - 1)]
+    fits = [_likeliest(np.stack([np.ones(len(days)), x], 1), share, stderr, x) for *_, x in shapes]
+    nats = np.array([fit[0] for fit in fits])
+    best = int(np.argmax(nats))
+    if nats[best] - constant < LEAST_GAIN:
+        edges = dates[0], dates[0], dates[-1]
+        return Course(effect, ALL_ALONG, *edges, dates, share, stderr, float(level[0]), scatter)
+    odds = np.bincount([k for _, k, _ in shapes], np.exp(nats - nats[best]), len(days))
+    first, last = np.searchsorted(np.cumsum(odds) / odds.sum(), (0.025, 0.975))
+    (begins, k, _), (_, numbers, scatter) = shapes[best], fits[best]
+    edges = dates[k], dates[first - 1], dates[last]
+    return Course(effect, begins, *edges, dates, share, stderr, float(numbers[0]), scatter)
+
+
+def _ramp(days: np.ndarray, first: int) -> np.ndarray:
+    """(N,) 0 up to the log before the first, and 1 at the last one."""
+    begin = days[first - 1]
+    ramp: np.ndarray = np.clip((days - begin) / max(days[-1] - begin, 1e-9), 0.0, None)
+    return ramp
+
+
+def _likeliest(
+    columns: np.ndarray, share: np.ndarray, stderr: np.ndarray, present: np.ndarray
+) -> tuple[float, np.ndarray, float]:
+    """nats, coefficients (K,) of columns (N, K), and scatter from log to log in proportion to what is present (N,)."""
+    variance = stderr**2 + (SCATTERS[:, None] * present) ** 2  # (S, N)
+    weight = 1 / variance
+    normal = np.einsum("sn,nk,nl->skl", weight, columns, columns)
+    right = np.einsum("sn,nk,n->sk", weight, columns, share)
+    numbers = np.linalg.solve(normal + 1e-12 * np.eye(columns.shape[1]), right[:, :, None])[:, :, 0]
+    nats = -0.5 * (weight * (share - numbers @ columns.T) ** 2 + np.log(variance)).sum(1)
+    best = int(np.argmax(nats))
+    return float(nats[best]), numbers[best], float(SCATTERS[best])
