@@ -63,19 +63,21 @@ def diagnose_pooled(
     order = np.argsort(stamped, kind="stable")
     names = names or [f"log {i + 1}" for i in range(len(logs))]
     logs, names, stamped = [logs[i] for i in order], [names[i] for i in order], stamped[order]
-    count = int(np.clip(POOLED_SHARE * len(logs), FEWEST_POOLED, MOST_POOLED))
     # What happens in a moment of one log is no cause that logs share, but takes up what varies between them.
     moments = {effect.name for effect in catalogue_of_setup(setup).searched_by(*SUDDEN)}
     left_out = {*without, *moments, TERM}
-    diagnosis, answer = diagnose.explain(setup, logs[-count:], names[-count:], left_out, unchecked, progress)
-    progress("measuring causes in every log")
-    accepted = answer.accepted
-    told = [h.effect for h in accepted.hypotheses if not h.shapes]
+    # What began a few logs ago may not show among many that are without it.
+    for count in (int(np.clip(POOLED_SHARE * len(logs), FEWEST_POOLED, MOST_POOLED)), FEWEST_POOLED):
+        diagnosis, answer = diagnose.explain(setup, logs[-count:], names[-count:], left_out, unchecked, progress)
+        told = [h.effect for h in answer.accepted.hypotheses if not h.shapes]
+        if told:
+            break
     courses: tuple[Course, ...] = ()
-    if diagnosis.causes and told:
+    if told:
+        progress("measuring causes in every log")
         with_tool, whole = diagnose.ready(setup, logs, [survey(slices(log)) for log in logs])
         problem, _ = make_problem(with_tool, whole)
-        share, stderr = shares(problem, accepted)
+        share, stderr = shares(problem, answer.accepted)
         courses = tuple(map(partial(course_of, stamped), told, share.T, stderr.T))
     return diagnosis._replace(courses=courses)
 

@@ -1,6 +1,8 @@
 """Logs of one robot over time: the day on which a cause began, and how much of it each log has."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ftbias_jax as ft
+from ftbias_jax.cli.main import main
 from ftbias_jax.diagnosis import pooled
 from ftbias_jax.diagnosis.report.as_json import load_courses
 from ftbias_jax.diagnosis.result import ALL_ALONG, AT_ONCE, GROWING
@@ -65,35 +68,30 @@ def test_a_cause_that_a_log_does_not_show_has_a_share_of_no_weight():
     assert stderr[0] > 1e6
 
 
-@pytest.fixture(scope="module")
-def diagnosis(setup):
-    """Sixteen logs of 12 s, of which the last six have another gain; too little for one of them to be sure."""
-    simulated = replace(setup, sensor=replace(setup.sensor, noise_std=4 * setup.sensor.noise_std))
-    logs = []
-    for number in range(16):
-        effects = {"gain": {"gain": [1.06, 1.0, 0.95, 1.0, 1.0, 1.0]}} if number >= 10 else {}
-        log = ft.simulate(simulated, effects, duration=12.0, rate=100.0, seed=number).log
-        logs.append(log._replace(start=float(DATES[number])))
-    order = np.random.default_rng(0).permutation(16)
-    return ft.diagnose_pooled(simulated, [logs[i] for i in order], names=[f"{i}.npz" for i in order])
-
-
 @pytest.mark.slow
-def test_logs_together_name_the_cause_and_its_first_day(diagnosis, tmp_path):
-    assert [cause.effect for cause in diagnosis.causes] == ["gain"]
-    assert diagnosis.logs == ("12.npz", "13.npz", "14.npz", "15.npz")
-    (course,) = diagnosis.courses
-    assert (course.effect, course.begins) == ("gain", AT_ONCE)
+def test_logs_together_name_the_cause_and_its_first_day(setup, tmp_path, capsys):
+    """Sixteen logs of 12 s, of which the last six have another gain; by the stamps in them, not by their names."""
+    setup = replace(setup, sensor=replace(setup.sensor, noise_std=4 * setup.sensor.noise_std))
+    (tmp_path / "cell.toml").write_text(ft.dump_setup(setup))
+    logs = [tmp_path / f"{name}.npz" for name in np.random.default_rng(0).permutation(16)]
+    for number, path in enumerate(logs):
+        effects = {"gain": {"gain": [1.06, 1.0, 0.95, 1.0, 1.0, 1.0]}} if number >= 10 else {}
+        log = ft.simulate(setup, effects, duration=12.0, rate=100.0, seed=number).log
+        np.savez(path, t=DATES[number] + log.t, q=log.q, dq=log.dq, wrench=log.wrench)
+    pooled_json, page = str(tmp_path / "out.pooled.json"), str(tmp_path / "page.html")
+    words = ["diagnose", str(tmp_path / "*.npz"), "--setup", str(tmp_path / "cell.toml"), "--pool", "by=robot"]
+    assert main([*words, "--json", pooled_json, "--html", page]) == 0
+    assert "gain: since 2025-10-1" in capsys.readouterr().out
+    assert "Since when" in Path(page).read_text()
+    content = json.loads(Path(pooled_json).read_text())
+    assert [cause["effect"] for cause in content["causes"]] == ["gain"]
+    assert content["logs"] == [path.name for path in logs[12:]]
+    name, (course,) = load_courses(pooled_json)
+    assert (name, course.effect, course.begins) == ("cell.toml", "gain", AT_ONCE)
     assert abs(course.since - DATES[10]) <= DAY
     assert course.earliest < DATES[10] <= course.latest
-    assert "gain: since 2025-10-1" in str(diagnosis)
-    diagnosis.to_html(tmp_path / "page.html")
-    assert "Since when" in (tmp_path / "page.html").read_text()
-    diagnosis.to_json(tmp_path / "out.json")
-    name, (again,) = load_courses(str(tmp_path / "out.json"))
-    assert name == "nominal.toml"
-    np.testing.assert_allclose(again.share, course.share)
-    assert again.since == course.since
+    np.testing.assert_allclose(course.share[:10], 0, atol=0.3)
+    np.testing.assert_allclose(course.share[10:], 1, atol=0.3)
 
 
 def test_a_few_logs_are_too_few(setup):

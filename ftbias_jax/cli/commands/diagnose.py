@@ -27,6 +27,8 @@ from ftbias_jax.runtime.imports import many_imports
 from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import Setup
 
+FEW = 3
+"""Logs whose names are told while they are diagnosed."""
 ANSWER, REPORT, APPLIED = ".diagnosis.json", ".diagnosis.html", ".applied.toml"
 """What is written for a log of many, behind its path without suffix."""
 
@@ -42,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.against and len(arguments.against) != len(paths):
         message = f"{len(arguments.against)} files for {len(paths)} logs"
         raise UsageError(message, field="--against", remedy="give one for each log, in their order")
-    with Stages(f"diagnosing {', '.join(names)}") as stages:
+    with Stages(f"diagnosing {', '.join(names) if len(names) <= FEW else f'{len(names)} logs'}") as stages:
         stages("reading")
         logs = [read_log(path, setup, raw=True) for path in paths]
         with many_imports():
@@ -66,11 +68,14 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.pool:
             from ftbias_jax.diagnosis.pooled import diagnose_pooled
 
-            diagnosis = diagnose_pooled(setup, logs, list(map(date_of, paths, logs)), names, **asked)
-            logs = [log for name, log in zip(names, logs, strict=True) if name in diagnosis.logs]
+            dates = list(map(date_of, paths, logs))
+            order = sorted(range(len(paths)), key=dates.__getitem__)
+            names, paths, logs = [names[i] for i in order], [paths[i] for i in order], [logs[i] for i in order]
+            diagnosis = diagnose_pooled(setup, logs, sorted(dates), names, **asked)
         else:
             diagnosis = diagnose(setup, logs, names, **asked)
-    diagnosis = diagnosis._replace(command=_command(paths, arguments.setup))
+    diagnosis = diagnosis._replace(command=_command(paths, arguments.setup, arguments.pool))
+    latest = slice(-len(diagnosis.logs), None)  # of pooled logs those that were diagnosed, of others all
     print(diagnosis)
     if arguments.json:
         diagnosis.to_json(arguments.json)
@@ -78,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
         diagnosis.to_html(arguments.html)
     not_stated = refused(setup, diagnosis.causes, diagnosis.terms) if arguments.apply else ()
     applied = arguments.apply and some_applied(diagnosis, not_stated)
-    if applied and not arguments.force and (against := objection(setup, diagnosis, logs)):
+    if applied and not arguments.force and (against := objection(setup, diagnosis, logs[latest])):
         not_stated, applied = (*not_stated, f"{against}; --force writes it all the same"), False
     if applied:
         save_setup(diagnosis.apply(setup).save, arguments.output, arguments, "diagnose --apply")
@@ -87,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"wrote {', '.join(outputs)}")
     for why in not_stated:
         print(f"ftbias: not applied: {why}", file=sys.stderr)
-    code = tell_repairs(zip(paths, diagnosis.repairs, strict=True))
+    code = tell_repairs(zip(paths[latest], diagnosis.repairs, strict=True))
     return 1 if not_stated else code
 
 
@@ -105,9 +110,9 @@ def _against_columns(setup: Setup, log: Log) -> Log:
     return against_columns(setup, log)
 
 
-def _command(paths: list[str], setup: str) -> str:
+def _command(paths: list[str], setup: str, pool: str | None = None) -> str:
     """The line that makes a diagnosis again."""
-    return shlex.join(("ftbias", "diagnose", *paths, "--setup", setup))
+    return shlex.join(("ftbias", "diagnose", *paths, "--setup", setup, *(("--pool", pool) if pool else ())))
 
 
 def _with_effects(arguments: argparse.Namespace, setup: Setup) -> Setup:
