@@ -205,6 +205,7 @@ def run_engine(name, folder, count, served=lambda: 0.0, logs=("logs",)):
     told |= {
         "exit_code": code,
         "statuses": counted(entry.status for entry in entries.values()),
+        "errors": sorted({entry.error for entry in entries.values() if entry.error})[:5],
         "logs_twice_in_the_manifest": lines - len(entries),
         "wall_seconds": round(wall, 1),
         "cpu_seconds": round(of_ray() if name.startswith("ray") else cpu_seconds() - before, 1),
@@ -220,7 +221,7 @@ def same_sum(folder, entry):
 
 def compared(folder, name, entries, expected):
     """How many results are the bytes of those expected, and by how much others differ."""
-    both = entries.keys() & expected.keys()
+    both = {x for x in entries.keys() & expected.keys() if entries[x].sums}
     others = [x for x in both if entries[x].sums != expected[x].sums]
     told = {"compared": len(both), "same_bytes": len(both) - len(others)}
     if others and (folder / name).is_dir():

@@ -33,6 +33,7 @@ from ftbias_jax.check.undetermined import all_undetermined, undetermined
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.io import read_motion
 from ftbias_jax.io.log import Log
+from ftbias_jax.io.remote import from_anywhere
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.types import Setup
 
@@ -79,7 +80,7 @@ def check_setup(setup: Setup, logs: Sequence[Source], *, executor: Executor | No
     else:
         from ftbias_jax.runtime.many import do_all
 
-        read = do_all(partial(_in_bins, setup), logs, executor)
+        read = do_all(partial(_in_bins, setup), map(from_anywhere, logs), executor)
     bins, are_poses = zip(*read, strict=True)
     if len(set(are_poses)) > 1:
         remedy = "check each kind by itself"

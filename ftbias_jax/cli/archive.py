@@ -28,7 +28,7 @@ from ftbias_jax.fleet.table import save_table
 from ftbias_jax.io.atomic import make_folder_inside
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.outputs import check_outputs, check_replaceable
-from ftbias_jax.io.remote import check_patterns, forget, shown
+from ftbias_jax.io.remote import check_patterns, forget, from_anywhere, shown
 from ftbias_jax.io.write import written
 from ftbias_jax.io.write.ours import CHECK, DIAGNOSIS, PAGE, RESULT, SETUP
 from ftbias_jax.io.write.provenance import sha256_of
@@ -189,10 +189,17 @@ def _check_replaceable(place: Place, names: Iterable[str], answer: str) -> None:
 
 def run_tasks(job: Job, tasks: Iterable[Task], jobs: int, executor: str | None = None) -> Iterator[Entry]:
     """Entries as they get ready, from this process (``jobs`` = 1), from so many, or from the workers of a cluster."""
+    named = {task.output: task for task in tasks}
+    if executor:  # whose workers have other current folders
+        own = tuple(from_anywhere(one) if os.path.isfile(one) else one for one in job.own)  # or names of packages
+        job = job._replace(place=Place(from_anywhere(job.place.root)), own=own)
     work = partial(do_task, job=job)
-    for task, entry in _on_cluster(executor, work, tasks, jobs) if executor else _here(work, tasks, jobs):
+    all_tasks = named.values()
+    for done, entry in _on_cluster(executor, work, all_tasks, jobs) if executor else _here(work, all_tasks, jobs):
+        task = named[done.output]
         killed = printable(f"{shown(task.log)}: {KILLED}")
-        yield entry or _entry(task, job)._replace(error=killed, done=round(time.time(), 3))
+        entry = entry or _entry(task, job)._replace(error=killed, done=round(time.time(), 3))
+        yield entry._replace(log=shown(task.log), files=tuple(map(shown, task.files)))
 
 
 def _here(work: Callable[[Task], Entry], tasks: Iterable[Task], jobs: int) -> Iterator[tuple[Task, Entry | None]]:
@@ -209,8 +216,11 @@ def _on_cluster(
 ) -> Iterator[tuple[Task, Entry | None]]:
     from ftbias_jax.runtime.executors import IN_FLIGHT, executor_of, run_with
 
+    everywhere = (
+        task._replace(log=from_anywhere(task.log), files=tuple(map(from_anywhere, task.files))) for task in tasks
+    )
     with executor_of(name) as executor:
-        yield from run_with(executor, work, tasks, jobs if jobs > 1 else IN_FLIGHT)
+        yield from run_with(executor, work, everywhere, jobs if jobs > 1 else IN_FLIGHT)
 
 
 def do_task(task: Task, job: Job) -> Entry:

@@ -14,6 +14,7 @@ from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.result import Diagnosis
 from ftbias_jax.io import read_log, read_motion
 from ftbias_jax.io.log import Log
+from ftbias_jax.io.remote import from_anywhere
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.runtime.many import Results, results_of
 from ftbias_jax.setup.types import Setup
@@ -39,7 +40,7 @@ def diagnose_each(
     Raises:
         UsageError: there is no log.
     """
-    return results_of(partial(_diagnosed, setup, choices), logs, executor)
+    return results_of(partial(_diagnosed, setup, choices), map(from_anywhere, logs) if executor else logs, executor)
 
 
 def identify_each(
@@ -59,7 +60,7 @@ def identify_each(
     Raises:
         UsageError: there is no log.
     """
-    return results_of(partial(_identified, setup, choices), logs, executor)
+    return results_of(partial(_identified, setup, choices), map(from_anywhere, logs) if executor else logs, executor)
 
 
 def _diagnosed(setup: Setup, choices: Mapping[str, Any], source: Log | str | os.PathLike[str]) -> Diagnosis:

@@ -16,7 +16,7 @@ import re
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import unquote
 
 from ftbias_jax.errors import LogError, OutputError, SetupError
@@ -25,6 +25,7 @@ from ftbias_jax.io.limits.budget import need
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES
 from ftbias_jax.io.tables.arrays import TABLES
 
+Source = TypeVar("Source")
 MOST_BYTES = 16 << 30
 """Of one file: as much as the numbers of a log may have (``limits.budget``)."""
 MOST_KEPT = 8
@@ -42,6 +43,12 @@ _sums: dict[str, str] = {}
 def exists(path: str) -> bool:
     """Whether a file is there; of a URL it is assumed until it is read."""
     return is_url(path) or os.path.exists(path)
+
+
+def from_anywhere(source: Source) -> Source | str:
+    """A path for processes whose current folder is another one; a URL, or a log in memory, as it is."""
+    is_path = isinstance(source, str | os.PathLike) and not is_url(source)
+    return os.path.abspath(str(source)) if is_path else source
 
 
 def shown(path: str | os.PathLike[str]) -> str:

@@ -13,7 +13,8 @@ import ftbias_jax as ft
 
 
 def started(module, *arguments):
-    return subprocess.Popen([sys.executable, "-m", module, *arguments], stderr=subprocess.PIPE, text=True)
+    words = [sys.executable, "-m", module, *arguments]
+    return subprocess.Popen(words, stderr=subprocess.PIPE, text=True, cwd="/")  # not where the command is given
 
 
 @pytest.fixture

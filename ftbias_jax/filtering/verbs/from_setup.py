@@ -24,6 +24,7 @@ from ftbias_jax.io import read_log
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.parts import OpenLog
+from ftbias_jax.io.remote import from_anywhere
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.io.write.selection import About
 from ftbias_jax.model.effects.types import Effect
@@ -116,7 +117,7 @@ def filter_log(
 
     if executor is None:
         work = partial(work, progress=lambda samples: progress(done + samples))
-    many = results_of(work, log, executor, tell)
+    many = results_of(work, map(from_anywhere, log) if executor else log, executor, tell)
     return FilterResults(many.results, many.errors)
 
 
