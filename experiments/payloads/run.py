@@ -7,6 +7,7 @@ the same log is filtered with it.
 """
 
 import argparse
+import json
 import sys
 import tempfile
 import time
@@ -159,11 +160,15 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--rows", type=Path, help="JSON lines of logs, done before and now, so that a run can go on")
     asked = parser.parse_args()
-    rows = []
-    for number in range(asked.count):
+    done = asked.rows.read_text() if asked.rows and asked.rows.exists() else ""
+    rows = [json.loads(line) for line in done.splitlines()]
+    for number in range(len(rows), asked.count):
         rows.append(one(1000 * asked.seed + number))
         print(rows[-1], flush=True)
+        if asked.rows:
+            asked.rows.write_text("".join(json.dumps(row) + "\n" for row in rows))
     print(table(rows))
     from common import keep
 
