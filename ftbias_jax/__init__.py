@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from ftbias_jax.check.result import Check, Mistake
     from ftbias_jax.commissioning.calibrate import calibrate
     from ftbias_jax.commissioning.each import diagnose_each, identify_each
+    from ftbias_jax.commissioning.payloads import Payloads, identify_payloads
     from ftbias_jax.commissioning.result import Calibrated
     from ftbias_jax.diagnosis.diagnose import diagnose
     from ftbias_jax.diagnosis.pooled import diagnose_pooled
@@ -93,6 +94,7 @@ __all__ = [
     "OutputError",
     "Parameter",
     "Params",
+    "Payloads",
     "Plan",
     "Poses",
     "Repair",
@@ -117,6 +119,7 @@ __all__ = [
     "filter_log",
     "filter_samples",
     "identify_each",
+    "identify_payloads",
     "identify_tool",
     "layout_of",
     "load_effects",
@@ -145,6 +148,7 @@ _MODULES = {
     "calibration.tune_setup": "tune",
     "commissioning.calibrate": "calibrate",
     "commissioning.each": "diagnose_each identify_each",
+    "commissioning.payloads": "Payloads identify_payloads",
     "commissioning.result": "Calibrated",
     "diagnosis.diagnose": "diagnose",
     "diagnosis.pooled": "diagnose_pooled",

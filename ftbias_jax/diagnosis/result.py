@@ -86,6 +86,7 @@ class FoundTerm(NamedTuple):
     parameters: dict[str, Numbers]
     """What the form is not linear in, such as a time constant."""
     parameters_stderr: dict[str, Numbers]
+    """Of these, and of the point."""
     point: list[float] | None
     """m, sensor frame, where a force acts."""
     equivalent_to: tuple[str, ...]

@@ -17,9 +17,9 @@ LEAST_SIGMAS = 0.08
 LEAST_SHARE_OF_GAP = 0.02
 """Share of the gap that a further cause must remove: fitted forms are never quite the real ones. [dev] A slow effect on
 the bias need not, if it removes all that is left: it is no error of the form of what follows the motion."""
-SHARE_OF_JOINTS = 0.25
+SHARE_OF_JOINTS = 0.15
 """Share of the mean square error of the joints that a cause must remove: a smoother's own error follows the motion. Its
-filter overstates it by up to four times where the motion is smooth. Never more than LEADS. [dev]"""
+filter overstates it where the motion is smooth. Never more than LEADS. [dev]"""
 STEADY = 1.3
 """Standard errors of the gain over blocks; one block that gains everything is one. [noise] 1 in 10 is as steady."""
 SURE = 2.0

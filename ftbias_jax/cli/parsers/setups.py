@@ -148,6 +148,7 @@ OF_SETUPS = {
                 "--crosstalk",
                 "also find the gains of the sensor's channels and the leaks between them, if LOG shows them",
             ),
+            flag("--payloads", "first find when a part is gripped and let go in LOG, its mass and its place"),
             UNCHECKED,
             ARCHIVE,
             OUTSIDE,

@@ -14,6 +14,7 @@ from ftbias_jax.diagnosis.result import Curve, FoundTerm, Gap, Numbers
 from ftbias_jax.diagnosis.terms.describe import Description
 from ftbias_jax.diagnosis.terms.grid import free_names
 from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS, resembles, spells_in_words
+from ftbias_jax.diagnosis.terms.select import is_gain_too
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.model.effects.terms.columns import added, at_point, count_columns, has_point
 from ftbias_jax.model.effects.terms.forms import FORMS
@@ -45,10 +46,14 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
         row += len(scales)
         names = [name for name in free_names(term) if name not in local]
         late: dict[str, Numbers] = {name: np.squeeze(errors).tolist() for name, errors in local.items()}
+        at: dict[str, Numbers] = {"point": stderr[-3:].tolist()} if has_point(term) else {}
         values, count = np.asarray(term.coefficients, float), len(term.coefficients)
         # A real cause never has quite the form, and no scatter of the data shows that.
         errors = np.hypot(stderr[:count], FORM_ERROR * np.abs(values))
         share = float(np.clip(step.share / total, 0, 1))
+        drives = [rival.drive for rival in step.rivals]
+        drives += ["load"] if is_gain_too(term, description.search.state, problem.noise_std) else []
+        rivals = tuple(dict.fromkeys(drives))
         one = found_term(
             term,
             errors,
@@ -57,9 +62,9 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
             (step.held.nats, step.held.nats_stderr),
         )
         one = one._replace(
-            parameters_stderr=dict(zip(names, stderr[count:].tolist(), strict=False)) | late,
-            equivalent_to=tuple(rival.drive for rival in step.rivals),
-            separate_by=tuple(DRIVE_WORDS[rival.drive].separate_by for rival in step.rivals),
+            parameters_stderr=dict(zip(names, stderr[count:].tolist(), strict=False)) | late | at,
+            equivalent_to=rivals,
+            separate_by=tuple(DRIVE_WORDS[drive].separate_by for drive in rivals),
             shrink=share,
             curve=_curve(problem, description.search.state, described.fit, term),
         )

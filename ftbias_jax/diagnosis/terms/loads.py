@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ftbias_jax.diagnosis import thresholds
 from ftbias_jax.diagnosis.evidence.gap import Judge
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression import fit as fits
+from ftbias_jax.diagnosis.regression.evaluate import whitened
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import stand
 from ftbias_jax.diagnosis.search import gap_of
-from ftbias_jax.diagnosis.terms.fit_terms import fit_terms, improve
+from ftbias_jax.diagnosis.terms.fit_terms import Solved, fit_terms, improve
 from ftbias_jax.diagnosis.terms.grid import of_switches
 from ftbias_jax.diagnosis.terms.library import make_library, rank
 from ftbias_jax.diagnosis.terms.select import state_of_problem
-from ftbias_jax.model.effects.terms.types import Term
+from ftbias_jax.model.effects.terms.columns import added
+from ftbias_jax.model.effects.terms.types import State, Term
 
 
 def all_carried(problem: Problem, base: Fit) -> Problem | None:
@@ -31,15 +35,34 @@ def all_carried(problem: Problem, base: Fit) -> Problem | None:
     loads = of_switches(problem, state, base, ("payload",))
     library = make_library(problem, state, [term for term in loads if np.min(term.parameters["time"]) > 0])
     for ranked in rank(library, stand(base))[:1]:
-        one = improve(problem, state, stand(base), (ranked.term,))
-        freed = without_touches(problem, one.terms[0], one.error)
+        load, error = _timed(problem, state, improve(problem, state, stand(base), (ranked.term,)))
+        freed = without_touches(problem, load, error)
         start = fits.base(freed)
         enough = _enough(freed, start)
-        one = improve(freed, state, stand(start), one.terms)
+        one = improve(freed, state, stand(start), (load,))
         if gap_of(freed, start._replace(error=one.error)) <= enough:
             unseen = Judge(freed)(fit_terms(freed, state, stand(start), one.terms).fit, start.error)
             return freed if gap_of(freed, start._replace(error=unseen.error)) <= enough else None
     return None
+
+
+def _timed(problem: Problem, state: State, found: Solved) -> tuple[Term, np.ndarray]:
+    """A load with the times that most bins near them agree on, however wrong the others are, and the innovations."""
+    (load,), error = found.terms, found.error
+    step = float(np.median(np.diff(problem.t)))
+    shifts = np.arange(-thresholds.HANDOVER, thresholds.HANDOVER, step)
+    for k, time in enumerate(np.ravel(load.parameters["time"])):
+        others = np.delete(np.ravel(load.parameters["time"]), k)
+        moved = [
+            np.append(others, time + by) for by in shifts if not ((others - time) * (others - time - by) < 0).any()
+        ]
+        loads = [replace(load, parameters={**load.parameters, "time": np.sort(times)}) for times in moved]
+        by = np.stack([np.asarray(added(np, one, state)) for one in loads]) - added(np, load, state)
+        errors = error + whitened(problem, by)
+        near = np.abs(problem.t - time) < 2 * thresholds.HANDOVER
+        best = int(np.minimum(errors[:, near] ** 2, thresholds.TOUCHED**2).sum((1, 2)).argmin())
+        load, error = loads[best], errors[best]
+    return load, error
 
 
 def without_touches(problem: Problem, load: Term, error: np.ndarray) -> Problem:

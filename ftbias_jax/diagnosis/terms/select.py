@@ -19,7 +19,7 @@ from ftbias_jax.diagnosis.search import gap_of
 from ftbias_jax.diagnosis.terms.fit_terms import Described, Solved, fit_terms, improve
 from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, that_stand_out
 from ftbias_jax.diagnosis.terms.library import Library, Ranked, make_library, merit_of, rank, times_of
-from ftbias_jax.model.effects.terms.columns import columns, has_point, state_of
+from ftbias_jax.model.effects.terms.columns import added, columns, has_point, state_of
 from ftbias_jax.model.effects.terms.types import State, Term
 
 STARTS = {"attraction": 5, "barrier": 2, "surface": 2, "local": 3}
@@ -178,6 +178,21 @@ def _order(found: tuple[float, Solved]) -> float:
     """By merit, best first; a line before a wave of time that is the same, because its period came back in the log."""
     merit, one = found
     return -merit - thresholds.LEAST_DIFFERENCE * (one.terms[0].drive == "frequency")
+
+
+def is_gain_too(term: Term, state: State, noise_std: np.ndarray) -> bool:
+    """Whether what follows the orientation is here also what gains do that differ by the sign of each channel's load.
+
+    In slow motion a channel's load is the weight along its axis, and either says the same.
+    """
+    if term.drive != "orientation":
+        return False
+    made, load = np.asarray(added(np, term, state)) / noise_std, np.asarray(state.load)
+    left = 0.0
+    for change, of_channel in zip((made - made.mean(0)).T, load.T, strict=True):
+        sided = np.stack([np.ones_like(of_channel), np.maximum(of_channel, 0), np.minimum(of_channel, 0)], 1)
+        left += float(((change - sided @ np.linalg.lstsq(sided, change, rcond=None)[0]) ** 2).sum())
+    return left < (1 - thresholds.CLOSE) * len(made) * float(made.var(0).sum())
 
 
 def numbers_of(term: Term) -> int:

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_states import still_state
+from scipy.spatial.transform import Rotation
 
 from ftbias_jax.diagnosis.terms.fit_terms import Solved
 from ftbias_jax.diagnosis.terms.grid import make_term
-from ftbias_jax.diagnosis.terms.select import _order, cancels
+from ftbias_jax.diagnosis.terms.select import _order, cancels, is_gain_too
 from ftbias_jax.model.effects.terms.columns import count_columns
 
 
@@ -47,3 +48,21 @@ def test_of_a_wave_and_a_line_that_do_the_same_the_line_comes_first(ahead, first
         for merit, form in ((1e4 + ahead, ("time", "wave")), (1e4, ("frequency", "line")))
     )
     assert sorted([wave, line], key=_order)[0][1].terms[0].drive == first
+
+
+@pytest.mark.parametrize(("fast", "same"), [(0.0, True), (20.0, False)])
+def test_a_field_is_a_gain_of_one_sign_too_in_slow_motion(fast, same):
+    """A load that is the weight along each axis, and a force along z that is there where that is pulled."""
+    rng = np.random.default_rng(0)
+    turn = Rotation.random(400, rng=rng).as_matrix()
+    gravity = np.array([0.0, 0.0, -9.81])
+    state = still_state(rng.normal(size=400), np.zeros((400, 3)))
+    load = np.zeros((400, 6))
+    load[:, :3] = -turn.transpose(0, 2, 1) @ gravity + fast * rng.normal(size=(400, 3))
+    state = state._replace(rotation=turn, gravity=gravity, load=load)
+    term = make_term("orientation", "linear", "sensor", "wrench")
+    up = replace(term, coefficients=np.eye(3, 6)[[2, 0, 1]].ravel() * 0.02)
+    own = replace(term, coefficients=np.eye(3, 6).ravel() * 0.02)
+    assert is_gain_too(own, state, np.full(6, 0.1)) == same
+    assert not is_gain_too(up, state, np.full(6, 0.1))
+    assert not is_gain_too(replace(own, drive="position"), state, np.full(6, 0.1))
