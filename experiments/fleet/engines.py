@@ -15,6 +15,7 @@ import tempfile
 import threading
 import time
 from contextlib import ExitStack, contextmanager, suppress
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,7 @@ SAMPLED = 50  # logs that one process filters one after the other, to compare
 BUCKET = "s3://fleet/"
 STORE = {"ACCESS_KEY_ID": "me", "SECRET_ACCESS_KEY": "mine", "DEFAULT_REGION": "us-east-1"}
 MANIFEST = "manifest.filter.jsonl"
+VERSIONS = {name: version(name) for name in ("ftbias-jax", "jax", "numpy", "distributed", "ray", "s3fs", "moto")}
 SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER: processes that lose their parent are ours, and so is what they took
 
 
@@ -263,15 +265,11 @@ def measure(folder, count, engines):
             if not name.endswith("killed"):  # a few logs tell what it takes to start
                 few = run_engine(name, folder / "few", len(sample), served, [f"../{path}" for path in sample])[0]
                 further = (result[name]["cpu_seconds"] - few["cpu_seconds"]) / (count - len(sample))
-                result[name] |= {
-                    "cpu_seconds_of_few": few["cpu_seconds"],
-                    "cpu_seconds_a_further_log": round(further, 4),
-                }
+                result[name]["cpu_seconds_of_few"] = few["cpu_seconds"]
+                result[name]["cpu_seconds_a_further_log"] = round(further, 4)
             print(name, json.dumps(result[name], indent=1), flush=True)
-    sys.path.insert(0, str(Path(__file__).parents[1]))
-    from common import keep  # only now: it prepares JAX
-
-    keep(__file__, result, name="engines")
+            text = json.dumps({"versions": VERSIONS, "result": result}, indent=1)
+            Path(__file__).with_name("engines.json").write_text(text + "\n")
 
 
 def one_engine(name, folder, count, served, alone, jobs):
