@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
             with_payloads(setup, log, path, arguments.unchecked, stages) if arguments.payloads else (setup, "")
         )
         found = identify_tool(setup, log, **asked, progress=stages)
-    print(*parts, found, sep="\n")
+    print(f"{parts}\n{found}" if parts else found)
     code = tell_repairs([(path, log.repairs)])
     save_setup(found.save, arguments.output, arguments, "identify")
     print(f"wrote {arguments.output}")
