@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Sixty days of sixty robots, half of which get something: is it named, on which day, and who is first to see it?
 
-python run.py [--robots 30] [--seed 0] [--compared 10]. Logs are by MuJoCo (``experiments/validation``). Each robot's
+python run.py [--robots 30] [--seed 0] [--compared 5]. Logs are by MuJoCo (``experiments/validation``). Each robot's
 logs are diagnosed together (``ft.diagnose_pooled``); of some robots also day by day, as far as they were recorded, both
 together and log by log, where an alarm is what ``ftbias report`` takes for one.
 """
@@ -121,7 +121,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robots", type=int, default=30, help="with a cause, and as many healthy ones")
     parser.add_argument("--seed", type=int, default=0, help="of the first robot")
-    parser.add_argument("--compared", type=int, default=10, help="robots that are followed day by day")
+    parser.add_argument("--compared", type=int, default=5, help="robots that are followed day by day")
     asked = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     rows = []
