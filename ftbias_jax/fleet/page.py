@@ -95,9 +95,11 @@ def _header(fleet: Fleet, alarms: Mapping[Group, Sequence[Alarm]], title: str) -
 
 
 def _days(records: Sequence[FleetLog]) -> str:
-    """From when to when logs are, by their own stamps; times of files only where no log has a date."""
+    """From when to when logs are, by their own stamps; times of files only where no log has a date; "" = no log."""
     dated = [record.date for record in records if record.dated]
     every = dated or [record.date for record in records]
+    if not every:
+        return ""
     days = " to ".join(dict.fromkeys((day(every[0]), day(every[-1]))))
     return days if dated else f"{days} (files)"
 

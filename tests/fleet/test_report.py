@@ -224,15 +224,18 @@ def test_a_cause_that_logs_show_together_is_an_alarm_of_its_robot(folder, tmp_pa
         "before": 0.01,
         "scatter": 0.1,
     }
-    content = {"provenance": {"setup": {"name": "cell 1.toml"}}, "courses": [course]}
-    path = folder / "cell_1" / "x.pooled.json"
-    path.write_text(json.dumps(content))
+    paths = {name: folder / "cell_1" / f"{name}.pooled.json" for name in ("cell 1", "cell 9")}
+    for name, path in paths.items():
+        path.write_text(json.dumps({"provenance": {"setup": {"name": f"{name}.toml"}}, "courses": [course]}))
     try:
         assert main(["report", str(folder), "-o", str(tmp_path / "page.html")]) == 0
     finally:
-        path.unlink()
+        for path in paths.values():
+            path.unlink()
     words = "mount_rotation: since 2026-01-17 (95 %: 2026-01-15 to 2026-01-18), growing since, 1 % of it before"
-    assert f"cell 1, sensor FT-01: logs together show {words}" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert f"cell 1, sensor FT-01: logs together show {words}" in told
+    assert f"cell 9.toml: logs together show {words}" in told  # of a robot none of whose logs has a result
     text = (tmp_path / "page.html").read_text()
     assert words in text
     assert "mount_rotation, share of what it is in the latest logs" in text
