@@ -124,10 +124,11 @@ def _without_idle_forms(problem: Problem, scored: list[Scored]) -> list[Scored]:
         effect = problem.catalogue[s.hypothesis.effect]
         if effect.fit.extends not in nats:
             return False
+        if s.nats < nats[effect.fit.extends] + LEAST_GAIN:
+            return True
         value, stderr = parameters(problem, s.fit, s.hypothesis)
         own = [p.name for p in effect.parameters if not p.optional]
-        unsure = all(np.abs(value[name]) < SURE * np.asarray(stderr[name]) for name in own)
-        return unsure or s.nats < nats[effect.fit.extends] + LEAST_GAIN
+        return all(np.abs(value[name]) < SURE * np.asarray(stderr[name]) for name in own)
 
     return [s for s in scored if not is_idle(s)]
 

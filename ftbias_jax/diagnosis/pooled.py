@@ -94,14 +94,10 @@ def shares(problem: Problem, accepted: Fit) -> tuple[np.ndarray, np.ndarray]:
     z = np.concatenate([np.zeros_like(z[:1]), z])
     nominal, whole, *without = whitened(problem, readings(problem, z) - np.nan_to_num(measured(problem)))
     columns = whole - np.stack(without)  # (H, U, 6)
-    found = [share_in(columns[:, own], nominal[own], problem.block(BLOCK_SECONDS)[own]) for own in _each(problem)]
+    block, logs = problem.block(BLOCK_SECONDS), [problem.log == number for number in range(len(problem.parts))]
+    found = [share_in(columns[:, own], nominal[own], block[own]) for own in logs]
     share, stderr = (np.array(x) for x in zip(*found, strict=True))
     return share, stderr
-
-
-def _each(problem: Problem) -> list[np.ndarray]:
-    """(U,) masks of the logs."""
-    return [problem.log == number for number in range(len(problem.parts))]
 
 
 def share_in(columns: np.ndarray, error: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -194,6 +194,11 @@ def gap_of(problem: Problem, found: Fit) -> float:
     return float(np.maximum(excess_by_channel(problem, found.error), 0).mean())
 
 
+def enough(problem: Problem, base: Fit) -> float:
+    """Mean square gap that may be left of that of a fit, in noise variances, where all is explained."""
+    return max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap_of(problem, base))
+
+
 def _left_somewhere(problem: Problem, found: Fit) -> float:
     """As ``gap_of``, but what is left in a few blocks counts although all others have less than expected.
 

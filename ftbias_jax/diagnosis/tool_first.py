@@ -10,8 +10,8 @@ from ftbias_jax.diagnosis.evidence.gap import Judge
 from ftbias_jax.diagnosis.hypothesis import at_zero, movable
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit, fit
-from ftbias_jax.diagnosis.search import Rounds, gap_of, search, with_first_fits
-from ftbias_jax.diagnosis.thresholds import LEAST_GAIN, LEAST_SHARE_OF_GAP, LEAST_SIGMAS, SURE
+from ftbias_jax.diagnosis.search import Rounds, enough, gap_of, search, with_first_fits
+from ftbias_jax.diagnosis.thresholds import LEAST_GAIN, LEAST_SIGMAS, SURE
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.require import is_draft
@@ -46,14 +46,14 @@ def search_causes(
     excluded = _of_tool(problem).keys() & {*without, *problem.known}
     drafted = is_draft(setup) and not excluded
     plain = None if drafted else Searched(base, *search(problem, base, hold_out, without, progress))
-    enough = max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap_of(problem, base))
-    if plain and (_is_simple(problem, plain.accepted, enough) or excluded):
+    least = enough(problem, base)
+    if plain and (_is_simple(problem, plain.accepted, least) or excluded):
         return plain
     progress("trying causes beside a wrong tool")
     beside = _beside_tool(problem, base, hold_out, without)
     if plain is None:
         return beside
-    closed = gap_of(problem, beside.accepted) <= enough
+    closed = gap_of(problem, beside.accepted) <= least
     better = beside.start.hypotheses and closed and score(beside.accepted, plain.accepted) > LEAST_GAIN
     return beside if better else plain
 
@@ -64,11 +64,11 @@ def _of_tool(problem: Problem) -> dict[str, Effect]:
     return {name: effect for name, effect in known if effect.parameters and all(x.stated for x in effect.parameters)}
 
 
-def _is_simple(problem: Problem, found: Fit, enough: float) -> bool:
+def _is_simple(problem: Problem, found: Fit, least: float) -> bool:
     """Whether at most one cause explains all, or nearly all if it is neither of the tool nor of nearly any shape."""
     names = {h.effect for h in found.hypotheses}
     like_tool = names & _of_tool(problem).keys() or any(problem.catalogue[name].fit.any_shape for name in names)
-    return len(names) < 2 and gap_of(problem, found) <= (LEAST_SIGMAS**2 if like_tool else enough)
+    return len(names) < 2 and gap_of(problem, found) <= (LEAST_SIGMAS**2 if like_tool else least)
 
 
 def _beside_tool(problem: Problem, base: Fit, hold_out: Judge, without: Collection[str]) -> Searched:

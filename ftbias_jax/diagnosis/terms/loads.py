@@ -13,7 +13,7 @@ from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.diagnosis.regression.evaluate import whitened
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import stand
-from ftbias_jax.diagnosis.search import gap_of
+from ftbias_jax.diagnosis.search import enough, gap_of
 from ftbias_jax.diagnosis.terms.fit_terms import Solved, fit_terms, improve
 from ftbias_jax.diagnosis.terms.grid import of_switches
 from ftbias_jax.diagnosis.terms.library import make_library, rank
@@ -29,7 +29,7 @@ def all_carried(problem: Problem, base: Fit) -> Problem | None:
     Nothing that acts all along does, and a search for effects of any shape would take the longest of all. It closes it
     on blocks that it has not seen, too: several times at will fit much of what noise alone leaves.
     """
-    if gap_of(problem, base) <= _enough(problem, base):
+    if gap_of(problem, base) <= enough(problem, base):
         return None
     state = state_of_problem(problem, base)
     loads = of_switches(problem, state, base, ("payload",))
@@ -38,11 +38,11 @@ def all_carried(problem: Problem, base: Fit) -> Problem | None:
         load, error = _timed(problem, state, improve(problem, state, stand(base), (ranked.term,)))
         freed = without_touches(problem, load, error)
         start = fits.base(freed)
-        enough = _enough(freed, start)
+        least = enough(freed, start)
         one = improve(freed, state, stand(start), (load,))
-        if gap_of(freed, start._replace(error=one.error)) <= enough:
+        if gap_of(freed, start._replace(error=one.error)) <= least:
             unseen = Judge(freed)(fit_terms(freed, state, stand(start), one.terms).fit, start.error)
-            return freed if gap_of(freed, start._replace(error=unseen.error)) <= enough else None
+            return freed if gap_of(freed, start._replace(error=unseen.error)) <= least else None
     return None
 
 
@@ -78,7 +78,3 @@ def without_touches(problem: Problem, load: Term, error: np.ndarray) -> Problem:
     away = np.abs(problem.t[:, None] - np.ravel(load.parameters["time"])).min(1)
     touched = (away < thresholds.HANDOVER)[:, None] & (np.abs(error) > thresholds.TOUCHED)
     return problem.louder(np.where(touched, error**2 * problem.variance, 0.0))
-
-
-def _enough(problem: Problem, base: Fit) -> float:
-    return max(thresholds.LEAST_SIGMAS**2, thresholds.LEAST_SHARE_OF_GAP * gap_of(problem, base))

@@ -15,7 +15,7 @@ from ftbias_jax.diagnosis.regression.evaluate import readings
 from ftbias_jax.diagnosis.regression.fit import Fit, compared
 from ftbias_jax.diagnosis.regression.score_test import PreparedFit, stand
 from ftbias_jax.diagnosis.samples.bins import fill_up
-from ftbias_jax.diagnosis.search import gap_of
+from ftbias_jax.diagnosis.search import enough, gap_of
 from ftbias_jax.diagnosis.terms.fit_terms import Described, Solved, fit_terms, improve
 from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, that_stand_out
 from ftbias_jax.diagnosis.terms.library import Library, Ranked, make_library, merit_of, rank, times_of
@@ -106,11 +106,7 @@ class Search:
             first: ``best(start)``.
         """
         steps: list[Step] = []
-        least = max(
-            thresholds.LEAST_SIGMAS**2,
-            thresholds.LEAST_SHARE_OF_GAP * gap_of(self.problem, self.base),
-            least_beside_joints(self.problem),
-        )
+        least = max(enough(self.problem, self.base), least_beside_joints(self.problem))
         now = start
         while len(steps) < thresholds.MOST_TERMS and (not steps or gap_of(self.problem, now) > least):
             chosen = steps[-1].described.terms if steps else ()
