@@ -32,9 +32,9 @@ def all_motions(setup, home, span, seed, only=()):
         return {name: (numpy_of(standard[name]), None, None) for name in only}
     (asked,) = made.asked
     limits, _ = limits_of(setup, home, MARGIN)
-    task, _ = plan.make_task(
-        setup, params_from_setup(setup), limits, home, ((asked.base, asked.at),), asked.scale, DURATION, RATE
-    )
+    numbers = ((asked.base, asked.scale, asked.at),)
+    params = params_from_setup(setup)
+    task, _ = plan.make_task(setup, params, limits, home, numbers, asked.scale, DURATION, RATE)
     task = task._replace(noise=plan.noise_of(setup, made.motion.q, made.motion.dq, RATE, task.points.t))
     found = {"planned": made.coefficients}
     count = (made.coefficients.shape[1] - 1) // 2

@@ -1,11 +1,14 @@
 #!/usr/bin/env python3
-"""What planned motions tell, on logs by MuJoCo: python run.py [forecast|motions|twins ...]; all three by default."""
+"""What planned motions tell, on logs by MuJoCo: python run.py [times|forecast|motions|twins ...]; all by default."""
 
 import argparse
 import json
+import os
+import subprocess
 import time
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import jax
 import numpy as np
@@ -233,7 +236,36 @@ def plain(x):
     return x if x is None or isinstance(x, (str, int)) else rounded(np.asarray(x), 3)
 
 
-PARTS = {"forecast": partial(forecasts, 2 * TOOLS), "motions": motions, "twins": twins}
+QUESTIONS = (
+    "tool",
+    "noise",
+    "time_delay:low_pass",
+    "gain:crosstalk",
+    "tool_inertia:tool_flexibility",
+    "tool_com:crosstalk",
+    "gravity_tilt:encoder_offset",
+)
+
+
+def times():
+    """s by the clock of ``ftbias plan`` of 20 s for the demonstration's Panda: nothing compiled yet, and again."""
+    rows = {}
+    with TemporaryDirectory() as folder:
+        run = partial(subprocess.run, cwd=folder, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        run(["ftbias", "demo", "--duration", "10"])
+        for asked in QUESTIONS:
+            environment, took = os.environ | {"XDG_CACHE_HOME": f"{folder}/{len(rows)}"}, []
+            for _ in range(2):
+                began = time.monotonic()
+                command = ["ftbias", "plan", "--setup", "ftbias_demo/setup.toml", "--for", asked, "-o", "motion.csv"]
+                run([*command, "--force"], env=environment)
+                took.append(time.monotonic() - began)
+            rows[asked] = dict(zip(("cold", "warm"), took, strict=True))
+            print(asked, took, flush=True)
+    return rows
+
+
+PARTS = {"times": times, "forecast": partial(forecasts, 2 * TOOLS), "motions": motions, "twins": twins}
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)

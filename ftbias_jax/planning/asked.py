@@ -6,7 +6,6 @@ No effect is known here by name: an entry of the catalogue says which of its num
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -37,6 +36,8 @@ POOR = 3.0
 """Typical departures: a parameter, or a mixture of parameters, that stays less certain is not determined."""
 
 ROUNDING = 1e-12
+STEP = 1e-4
+"""Of the differences that stand for derivatives, in typical departures: what they neglect is of its square."""
 LOOSE = 0.3
 """Share of the inertia that a tool of its mass can have by which the one in the setup may be off."""
 INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -190,6 +191,9 @@ def inertia_std(asked: Sequence[Asked], model: Model, catalogue: Catalogue) -> n
 def columns(signals: Signals, known: Values, numbers: Any, names: tuple[str, ...], catalogue: Catalogue) -> Array:
     """(C, U, 6): of one name the derivatives of the reading; of two, for each, what tells it from the other.
 
+    Central differences stand for derivatives in float64: the search goes through them backwards, and its program is
+    compiled in half of the time.
+
     The latter are, name by name, what the reading with the effect departs by from that with the other one at the values
     at which it comes nearest, and the derivatives by these; last what the tool's inertia (6,) can do, per standard
     deviation.
@@ -197,28 +201,27 @@ def columns(signals: Signals, known: Values, numbers: Any, names: tuple[str, ...
     Args:
         signals: the motion and the model.
         known: effects that the setup states.
-        numbers: base and values (P,) of each name; of two names also the values nearest to the other, and then
-            ``inertia_std``.
+        numbers: of each name ``Asked.base``, typical departures (P,) and values (P,); of two names also the values
+            nearest to the other, and then ``inertia_std``.
         names: one or two.
         catalogue: of the setup.
     """
 
-    def read(name: str, base: Array, at: Array) -> Array:
-        return reading(signals, known, base, at, name, catalogue)
-
-    def slopes(name: str, base: Array, at: Array) -> Array:
-        return jnp.moveaxis(jax.jacfwd(partial(read, name, base))(at), -1, 0)
+    def seen(name: str, base: Array, scale: Array, *at: Array) -> tuple[Array, Array]:
+        """Readings at all values, and derivatives (P, U, 6) at the last."""
+        steps = STEP * jnp.diag(scale)
+        values = jnp.concatenate([jnp.stack(at), at[-1][None] + steps, at[-1][None] - steps])
+        readings = jax.lax.map(lambda x: reading(signals, known, base, x, name, catalogue), values)
+        plain, above, below = jnp.split(readings, [len(at), len(at) + len(scale)])
+        return plain, (above - below) / (2 * STEP * scale)[:, None, None]
 
     if len(names) == 1:
-        return slopes(names[0], *numbers[0])
-    parts: list[Array] = []
+        return seen(names[0], *numbers[0])[1]
+    (one, by_one), (two, by_two) = (seen(name, *numbers[i]) for i, name in enumerate(names))
     sheet = data_sheet(signals.model.theta)
-    for i, j in ((0, 1), (1, 0)):
-        (base, at, _), (its_base, _, near) = numbers[i], numbers[j]
-        gap = read(names[i], base, at) - read(names[j], its_base, near)
-        parts += [gap[None], slopes(names[j], its_base, near)]
 
     def with_inertia(share: Array) -> Array:
-        return read(TOOL, sheet[:0], sheet.at[4:].add(share * numbers[2]))
+        return reading(signals, known, sheet[:0], sheet.at[4:].add(share * numbers[2]), TOOL, catalogue)
 
-    return jnp.concatenate([*parts, jnp.moveaxis(jax.jacfwd(with_inertia)(jnp.zeros_like(sheet[4:])), -1, 0)])
+    by_inertia = jnp.moveaxis(jax.jacfwd(with_inertia)(jnp.zeros_like(sheet[4:])), -1, 0)
+    return jnp.concatenate([one[:1] - two[1:], by_two, two[:1] - one[1:], by_one, by_inertia])

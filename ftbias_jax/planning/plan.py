@@ -92,9 +92,9 @@ def plan(
     asked = tuple(asked_for(name, model, catalogue, stated) for name in names)
     first = first_pose(setup, logs, start)
     limits, assumed = limits_of(setup, first, margin)
-    numbers: tuple[Any, ...] = tuple((one.base, one.at) for one in asked)
+    numbers: tuple[Any, ...] = tuple((one.base, one.scale, one.at) for one in asked)
     if len(asked) == 2:
-        numbers = (*((one.base, one.at, one.at) for one in asked), inertia_std(asked, model, catalogue))
+        numbers = (*((*of_name, of_name[-1]) for of_name in numbers), inertia_std(asked, model, catalogue))
     task, typical = make_task(setup, params, limits, first, numbers, asked[-1].scale, duration, rate)
     check_start(limits, first, setup.robot.joint_names, excess_at_rest(task, catalogue))
     if len(asked) == 2:

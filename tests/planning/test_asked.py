@@ -27,7 +27,7 @@ def signals(count=30):
 @pytest.mark.parametrize("name", ["tool", "gain", "encoder_offset", "low_pass"])
 def test_columns_are_differences_of_readings(name):
     asked = asked_for(name, MODEL, CATALOGUE, {})
-    numbers = ((jnp.asarray(asked.base), jnp.asarray(asked.at)),)
+    numbers = (tuple(jnp.asarray(x) for x in (asked.base, asked.scale, asked.at)),)
     found = np.asarray(jax.jit(lambda s, x: columns(s, {}, x, (name,), CATALOGUE))(signals(), numbers))
     read = jax.jit(lambda s, x: reading(s, {}, numbers[0][0], x, name, CATALOGUE))
     assert len(found) == len(asked.at) == len(asked.labels) == len(asked.units)
@@ -59,12 +59,12 @@ def test_values_that_are_known_take_the_place_of_typical_ones():
 def test_of_two_effects_there_is_what_each_has_beyond_the_other_and_what_that_can_do():
     one, two = (asked_for(name, MODEL, CATALOGUE, {}) for name in ("tool_mass", "gain"))
     near = [jnp.asarray(x) for x in (one.at * 1.1, np.full(6, 1.02))]
-    numbers = [(jnp.asarray(a.base), jnp.asarray(a.at), x) for a, x in zip((one, two), near, strict=True)]
+    numbers = [(*map(jnp.asarray, (a.base, a.scale, a.at)), x) for a, x in zip((one, two), near, strict=True)]
     both = (*numbers, 1e-3 * jnp.arange(1.0, 7.0))
     found = np.asarray(jax.jit(lambda s, x: columns(s, {}, x, ("tool_mass", "gain"), CATALOGUE))(signals(), both))
     assert len(found) == 1 + 6 + 1 + 1 + 6
     tool = asked_for("tool", MODEL, CATALOGUE, {})
-    inertia = jax.jit(lambda s, x: columns(s, {}, ((tool.base, x),), ("tool",), CATALOGUE))(
+    inertia = jax.jit(lambda s, x: columns(s, {}, ((tool.base, tool.scale, x),), ("tool",), CATALOGUE))(
         signals(), jnp.asarray(tool.at)
     )
     np.testing.assert_allclose(found[-6:], inertia[4:] * 1e-3 * np.arange(1, 7)[:, None, None], atol=1e-12)
@@ -73,7 +73,7 @@ def test_of_two_effects_there_is_what_each_has_beyond_the_other_and_what_that_ca
         for v in ({"tool_mass": {"mass": jnp.asarray(one.at[0])}}, {"gain": {"gain": near[1]}})
     )
     np.testing.assert_allclose(found[0], heavier - scaled, atol=1e-12)
-    slopes = jax.jit(lambda s: columns(s, {}, ((numbers[1][0], near[1]),), ("gain",), CATALOGUE))(signals())
+    slopes = jax.jit(lambda s: columns(s, {}, ((*numbers[1][:2], near[1]),), ("gain",), CATALOGUE))(signals())
     np.testing.assert_allclose(found[1:7], slopes, atol=1e-12)
 
 

@@ -77,7 +77,7 @@ def test_no_point_is_below_the_floor_and_the_axis_keeps_its_direction(made, posi
 def test_the_forecast_is_what_a_log_of_the_motion_tells(setup, made):
     """Worked out by other means: the joints of a simulated log, smoothed, and the filter's recursion."""
     (asked,), problem = made.asked, make_problem(setup, [log_of(setup, made.motion)])[0]
-    told = information_of_logs(problem, ("tool",), ((asked.base, asked.at),))
+    told = information_of_logs(problem, ("tool",), ((asked.base, asked.scale, asked.at),))
     ratio = stds_of(told, asked) / made.forecast.plan
     assert made.forecast.labels == NAMES
     assert np.all((ratio > 0.85) & (ratio < 1.15)), ratio
@@ -87,7 +87,7 @@ def test_it_tells_more_than_random_motions_within_the_same_limits(setup, made):
     params, start = params_from_setup(setup), made.motion.q[0]
     limits, _ = plan.limits_of(setup, start, MARGIN)
     (asked,), scale = made.asked, made.asked[0].scale
-    task, _ = plan.make_task(setup, params, limits, start, ((asked.base, asked.at),), scale, DURATION, RATE)
+    task, _ = plan.make_task(setup, params, limits, start, ((asked.base, scale, asked.at),), scale, DURATION, RATE)
     count = (task.points.basis.shape[2] - 1) // 2
     errors = []
     for free in random_shapes(5, 20, 7, count):
@@ -136,11 +136,11 @@ def test_two_effects_are_compared_where_they_come_nearest_to_one_another(setup):
         values = {"time_delay": {"delay": 0.02}, "low_pass": {"cutoff": 4.0}}
         made = ft.plan(setup, "time_delay:low_pass", duration=DURATION, rate=RATE, values=values)
         limits, _ = plan.limits_of(setup, made.motion.q[0], MARGIN)
-        numbers = (*((a.base, a.at, a.at) for a in made.asked), np.zeros(6))
+        numbers = (*((a.base, a.scale, a.at, a.at) for a in made.asked), np.zeros(6))
         arguments = (limits, made.motion.q[0], numbers, made.asked[1].scale, DURATION, RATE)
         task, _ = plan.make_task(setup, params_from_setup(setup), *arguments)
         found = climb.with_nearest(task, made.coefficients, ("time_delay", "low_pass"), ft.CATALOGUE)
-    (_, _, delay), (_, _, cutoff), _ = found.numbers
+    (*_, delay), (*_, cutoff), _ = found.numbers
     assert 2 * np.pi * cutoff[0] * 0.02 == pytest.approx(1, rel=0.2), "a delay looks like a low-pass of that time"
     assert 2 * np.pi * 4.0 * delay[0] == pytest.approx(1, rel=0.2)
     assert 12.5 < made.forecast.separates["time_delay:low_pass"] < np.inf
