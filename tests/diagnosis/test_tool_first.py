@@ -76,3 +76,20 @@ def test_of_a_right_tool_nothing_is_said(lagging, stds):
 def test_effects_of_the_tool_that_may_not_be_named_are_not(lagging):
     found = diagnose(DRAFTED, [lagging], without=("tool_mass",))
     assert "tool_mass" not in [cause.effect for cause in found.causes]
+
+
+FX_READS_LESS = np.array([0.8, 1, 1, 1, 1, 1])
+LEAKS = np.eye(6) + 0.02 * np.array([[0, 0], [0.1, 0]]).repeat(3, 0).repeat(3, 1) * np.arange(-17, 19).reshape(6, 6) / 10
+
+
+@pytest.mark.parametrize(
+    ("effect", "true"), [("gain", {"gain": FX_READS_LESS}), ("crosstalk", {"matrix": LEAKS})], ids=["gain", "crosstalk"]
+)
+def test_what_looks_like_a_tool_is_told_beside_it_and_leaves_it_right(effect, true):
+    log = simulate(TRUE, {effect: true}, duration=20, rate=100, seed=12).log
+    found = diagnose(with_tool(0.86, OFF), [log])
+    assert {cause.effect for cause in found.causes} == {effect, "tool_mass", "tool_com"}
+    assert_tool_found(found)
+    if effect == "gain":
+        (gain,) = (cause for cause in found.causes if cause.effect == "gain")
+        assert np.flatnonzero(gain.stderr["gain"]).tolist() == [0]
