@@ -84,7 +84,8 @@ def grid_hypotheses(problem: Problem, span: np.ndarray, taken: Collection[str]) 
         for starts in product(*(parameter.starts for parameter in searched)):
             values = {p.name: start * load for p, start in zip(searched, starts, strict=True)}
             found.append(at_values(problem, effect, **values))
-    return found
+    held = list(dict.fromkeys(h.fixed for h in found))
+    return [h._replace(group=held.index(h.fixed)) for h in found]
 
 
 def from_starts(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:
