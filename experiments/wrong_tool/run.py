@@ -62,7 +62,8 @@ def wrong_tool(rng, scene):
 
 def sized(job, scene, seed, wanted):
     """The cause, scaled until its own gap is so many noise sigmas; a cause of the noise is as it is drawn."""
-    (name,), (form,), scale = job.names, job.forms, 0.3
+    (name,), (form,) = job.names, job.forms
+    scale = 1.0 if name in STATISTICAL else 0.3
     for _ in range(TRIES):
         cause = ENTRIES[name][0](form, Draw(np.random.default_rng(seed), job.level, scale), scene)
         gap = in_sigmas(scene, gap_rms(scene, [cause]))

@@ -70,6 +70,12 @@ def _of_tool(problem: Problem) -> dict[str, Effect]:
     return {name: effect for name, effect in known if effect.parameters and all(x.stated for x in effect.parameters)}
 
 
+def with_tool(problem: Problem, base: Fit) -> Fit:
+    """The nominal model with mass and centre of mass of the tool free."""
+    of_tool = tuple(at_zero(name, movable(problem, effect)) for name, effect in _of_tool(problem).items())
+    return fit(problem, of_tool, base)
+
+
 def _like_tool(problem: Problem) -> set[str]:
     """Effects that are not of the tool, and declare that they look like it."""
     of_tool = _of_tool(problem).keys()
@@ -99,9 +105,10 @@ def _beside_tool(problem: Problem, base: Fit, hold_out: Judge, without: Collecti
 
     It must also hold in blocks that are left out: what other causes put into the tool does not.
     """
-    of_tool = tuple(at_zero(name, movable(problem, effect)) for name, effect in _of_tool(problem).items())
-    accepted, rounds = search(problem, fit(problem, of_tool, base), hold_out, without)
-    causes, stay = accepted.hypotheses[len(of_tool) :], of_tool
+    free = with_tool(problem, base)
+    of_tool = stay = free.hypotheses
+    accepted, rounds = search(problem, free, hold_out, without)
+    causes = accepted.hypotheses[len(of_tool) :]
     for h in of_tool:
         rest = fit(problem, accepted.beside(h), accepted)
         held = hold_out(accepted, rest.error)
