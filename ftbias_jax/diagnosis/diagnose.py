@@ -131,11 +131,13 @@ def explain(
     gap = measure_gap(problem, before, after)
     answer = Answer(problem, hold_out, base, found, *searched, before, after, gap, gap.before_sigmas**2 - 1)
     pushed = all(part.touched.all_along for part in problem.parts)
-    if TERM not in without and not pushed and (answer.accepted.hypotheses or not quiet):
+    if TERM not in without and (answer.accepted.hypotheses or not quiet):
         progress("trying terms")
         answer = _with_terms(answer, fast_lines(logs, samples))
     progress("writing the report")
-    answer, verdict, causes = _judged(answer, loud) if not pushed else (_without_causes(answer), "unknown", ())
+    answer, verdict, causes = _judged(answer, loud)
+    if pushed := pushed and verdict not in ("explained", "described"):  # a push follows nothing
+        answer, verdict, causes = _without_causes(answer)._replace(terms=()), "unknown", ()
     causes, ranking = (
         tuple(with_nominal(problem, candidate) for candidate in some) for some in (causes, ranking_of(answer))
     )
