@@ -12,6 +12,7 @@ from ftbias_jax.diagnosis.evidence.gap import Judge, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.touches import takes_most
 from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.diagnosis.regression.score_test import stand
 from ftbias_jax.diagnosis.search import gap_of
 from ftbias_jax.diagnosis.terms.fit_terms import Solved
 from ftbias_jax.diagnosis.terms.library import merit_of
@@ -113,6 +114,13 @@ def describe(
             return answer
     moved = kept._replace(z=fit.z, coefficients=fit.coefficients) if kept.hypotheses else kept
     return Outcome(Description(moved, said, fit, tuple(steps), search))
+
+
+def follows_something(problem: Problem, base: Fit, hold_out: Judge) -> bool:
+    """Whether one term may explain nearly all, to first order: what a hand does follows nothing."""
+    ranked = Search(problem, base, hold_out).ranked(stand(base))
+    gap = -base.log_likelihood - (problem.samples > 0).sum() / 2
+    return bool(ranked and ranked[0].merit > (1 - NEARLY) * gap)
 
 
 def _by_name(
