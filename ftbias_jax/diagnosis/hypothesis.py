@@ -151,6 +151,8 @@ def neutral_of(problem: Problem, effect: Effect, name: str) -> np.ndarray:
 
 
 def at_values(problem: Problem, effect: Effect, **values: np.ndarray | float) -> Hypothesis:
-    """An effect that starts at these values of its parameters, which are free."""
-    start = places_of(problem, effect, **values)
-    return Hypothesis(effect.name, tuple(start), tuple(start.values()))
+    """An effect that starts at these values of its parameters, which are free where its entry gives them a scale."""
+    places, able = places_of(problem, effect, **values), movable(problem, effect)
+    start = {place: value for place, value in places.items() if place in able}
+    held = tuple((place, value) for place, value in places.items() if place not in able)
+    return Hypothesis(effect.name, tuple(start), tuple(start.values()), held)

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from typing import NamedTuple
 
+import numpy as np
+
 from ftbias_jax.diagnosis.candidates import Scored, score
+from ftbias_jax.diagnosis.evidence.estimates import parameters
 from ftbias_jax.diagnosis.evidence.gap import Judge
-from ftbias_jax.diagnosis.hypothesis import at_zero, movable
+from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_zero, movable, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit, fit
 from ftbias_jax.diagnosis.search import Rounds, enough, gap_of, search, with_first_fits
@@ -54,7 +57,10 @@ def search_causes(
     if plain is None:
         return beside
     closed = gap_of(problem, beside.accepted) <= least
-    better = beside.start.hypotheses and closed and score(beside.accepted, plain.accepted) > LEAST_GAIN
+    # What is as good as a tool, by numbers of its own, comes after it.
+    in_its_place = {h.effect for h in plain.accepted.hypotheses} & _like_tool(problem)
+    margin = -LEAST_GAIN if in_its_place - {h.effect for h in beside.accepted.hypotheses} else LEAST_GAIN
+    better = beside.start.hypotheses and closed and score(beside.accepted, plain.accepted) > margin
     return beside if better else plain
 
 
@@ -64,11 +70,34 @@ def _of_tool(problem: Problem) -> dict[str, Effect]:
     return {name: effect for name, effect in known if effect.parameters and all(x.stated for x in effect.parameters)}
 
 
+def with_tool(problem: Problem, base: Fit) -> Fit:
+    """The nominal model with mass and centre of mass of the tool free."""
+    of_tool = tuple(at_zero(name, movable(problem, effect)) for name, effect in _of_tool(problem).items())
+    return fit(problem, of_tool, base)
+
+
+def _like_tool(problem: Problem) -> set[str]:
+    """Effects that are not of the tool, and declare that they look like it."""
+    of_tool = _of_tool(problem).keys()
+    return {name for name, effect in problem.catalogue.items() if of_tool & {x.effect for x in effect.twins}} - of_tool
+
+
 def _is_simple(problem: Problem, found: Fit, least: float) -> bool:
-    """Whether at most one cause explains all, or nearly all if it is neither of the tool nor of nearly any shape."""
+    """Whether at most one cause explains all, or nearly all if it is unlike the tool and not of nearly any shape."""
     names = {h.effect for h in found.hypotheses}
-    like_tool = names & _of_tool(problem).keys() or any(problem.catalogue[name].fit.any_shape for name in names)
-    return len(names) < 2 and gap_of(problem, found) <= (LEAST_SIGMAS**2 if like_tool else least)
+    doubtful = names & (_of_tool(problem).keys() | _like_tool(problem))
+    doubtful |= {name for name in names if problem.catalogue[name].fit.any_shape}
+    return len(names) < 2 and gap_of(problem, found) <= (LEAST_SIGMAS**2 if doubtful else least)
+
+
+def _departs(problem: Problem, found: Fit, h: Hypothesis) -> bool:
+    """Whether any number of an effect is surely not what the setup states."""
+    effect, (values, stderr) = problem.catalogue[h.effect], parameters(problem, found, h)
+    off = [
+        np.abs(value - neutral_of(problem, effect, name)) > SURE * np.asarray(stderr[name])
+        for name, value in values.items()
+    ]
+    return any(map(np.any, off))
 
 
 def _beside_tool(problem: Problem, base: Fit, hold_out: Judge, without: Collection[str]) -> Searched:
@@ -76,13 +105,15 @@ def _beside_tool(problem: Problem, base: Fit, hold_out: Judge, without: Collecti
 
     It must also hold in blocks that are left out: what other causes put into the tool does not.
     """
-    of_tool = tuple(at_zero(name, movable(problem, effect)) for name, effect in _of_tool(problem).items())
-    accepted, rounds = search(problem, fit(problem, of_tool, base), hold_out, without)
-    causes, stay = accepted.hypotheses[len(of_tool) :], of_tool
+    free = with_tool(problem, base)
+    of_tool = stay = free.hypotheses
+    accepted, rounds = search(problem, free, hold_out, without)
+    causes = accepted.hypotheses[len(of_tool) :]
     for h in of_tool:
         rest = fit(problem, accepted.beside(h), accepted)
         held = hold_out(accepted, rest.error)
-        if score(accepted, rest) < LEAST_GAIN or held.nats < SURE * held.nats_stderr:
+        unsure = held.nats < SURE * held.nats_by_noise or not _departs(problem, accepted, h)
+        if score(accepted, rest) < LEAST_GAIN or unsure:
             accepted, stay = rest, tuple(other for other in stay if other is not h)
     if stay != of_tool:
         count = len(causes)

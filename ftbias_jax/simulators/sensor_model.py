@@ -17,6 +17,7 @@ from ftbias_jax.model.effects.sampling import quantisation, saturation, shaken
 from ftbias_jax.model.effects.sensor import crosstalk, gain
 from ftbias_jax.model.effects.types import Record, Values
 from ftbias_jax.model.simulate import bias_steps
+from ftbias_jax.simulators.memory import delayed_by, lagging_behind
 from ftbias_jax.types import Array
 
 EFFECTS = (
@@ -64,7 +65,8 @@ class SensorState(NamedTuple):
     played: Array
     """(N, 6) N, Nm: what hysteresis leaves of the load, with gains and leaks."""
     lag: Array
-    """(N, 6) N, Nm: low-pass minus its input."""
+    """(N, 3, 6) of the low-pass: output minus input, N, Nm; of the second order what swings, its rate, and the input's
+    slope, N/s, Nm/s (``responses.lagged``)."""
     warmth: Array
     """(N, 3) deg C: of the thermometer, of the gauges minus the thermometer, of the gauges at the start."""
     clean: Array
@@ -160,7 +162,7 @@ class SensorModel(NamedTuple):
         return SensorState(
             t=t,
             played=load,
-            lag=none,
+            lag=xp.stack([none] * 3, 1),
             warmth=xp.stack([warm, 0 * warm, warm], 1),
             clean=clean,
             ages=xp.zeros((len(load), length), load.dtype),
@@ -196,13 +198,12 @@ class SensorModel(NamedTuple):
         xp, dt = wrench.__array_namespace__(), dt + 0 * state.t
         values, t, load = self.values, state.t + dt, self._leaked(wrench.reshape(-1, 6))
         played = play(state.played, load, values["hysteresis"]["width"][None]) if "hysteresis" in values else load
-        lag, warmth = state.lag, state.warmth
+        behind, lag, warmth = 0.0, state.lag, state.warmth
         if "low_pass" in values:
-            decay, passed = lag_factors(dt[:, None], values["low_pass"]["cutoff"])
-            lag = decay * lag - passed * (played - state.played)
+            behind, lag = lagging_behind(values["low_pass"], lag, played - state.played, dt[:, None])
         if "temperature_drift" in values and temperature is not None:
             warmth = self._warmed(warmth, temperature + 0 * dt, dt)
-        clean = self._with_bias_effects(played + lag, t, warmth[:, 0] + warmth[:, 1] - warmth[:, 2])
+        clean = self._with_bias_effects(played + behind, t, warmth[:, 0] + warmth[:, 1] - warmth[:, 2])
         ages, history = state.ages, state.history
         if "time_delay" in values:
             ages = xp.concatenate([ages[:, 1:] + dt[:, None], 0 * ages[:, :1]], 1)
@@ -279,18 +280,3 @@ class SensorModel(NamedTuple):
         lost = draws.events[:, 1:2] < values["dropped_samples"]["rate"]
         repeats = draws.events[:, 2:] < values["dropped_samples"]["repeated"]
         return xp.where(lost, last, reading), xp.where(lost, xp.where(repeats, last, np.nan), reading)
-
-
-def delayed_by(delay: Array, ages: Array, history: Array) -> Array:
-    """(N, 6) as it was ``delay`` () s ago, by straight lines between samples (N, L, 6) of ages (N, L) s, oldest first.
-
-    A negative delay, wrenches that come before their joints, is none here: nobody knows what will be felt.
-    """
-    xp = ages.__array_namespace__()
-    before = xp.clip((ages >= delay).sum(1) - 1, 0, ages.shape[1] - 2)[:, None]
-    older, newer = (xp.take_along_axis(ages, i, 1) for i in (before, before + 1))
-    one, other = (xp.take_along_axis(history, i[..., None], 1)[:, 0] for i in (before, before + 1))
-    length = older - newer
-    share = xp.clip((older - delay) / xp.where(length > 0, length, 1.0), 0.0, 1.0)
-    delayed: Array = one + share * (other - one)
-    return delayed

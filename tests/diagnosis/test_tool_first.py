@@ -76,3 +76,21 @@ def test_of_a_right_tool_nothing_is_said(lagging, stds):
 def test_effects_of_the_tool_that_may_not_be_named_are_not(lagging):
     found = diagnose(DRAFTED, [lagging], without=("tool_mass",))
     assert "tool_mass" not in [cause.effect for cause in found.causes]
+
+
+FX_READS_LESS = np.array([0.8, 1, 1, 1, 1, 1])
+LEAKS = np.eye(6)
+LEAKS[3:, :3] = 1e-3 * np.array([[1, -2, 3], [4, -1, 2], [-3, 2, 4]])
+
+
+@pytest.mark.parametrize(
+    ("effect", "true"), [("gain", {"gain": FX_READS_LESS}), ("crosstalk", {"matrix": LEAKS})], ids=["gain", "crosstalk"]
+)
+def test_what_looks_like_a_tool_is_told_beside_it_and_leaves_it_right(effect, true):
+    log = simulate(TRUE, {effect: true}, duration=20, rate=100, seed=12).log
+    found = diagnose(with_tool(0.86, OFF), [log])
+    assert {cause.effect for cause in found.causes} == {effect, "tool_mass", "tool_com"}
+    assert_tool_found(found)
+    if effect == "gain":
+        (gain,) = (cause for cause in found.causes if cause.effect == "gain")
+        assert np.flatnonzero(gain.stderr["gain"]).tolist() == [0]

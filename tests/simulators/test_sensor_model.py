@@ -77,13 +77,15 @@ def run(model, series, seed=0, xp=np, environments=1):
     return xp.stack(readings)
 
 
-@pytest.mark.parametrize("names", [(name,) for name in MEAN] + [tuple(MEAN)], ids=lambda names: "-".join(names)[:20])
-def test_what_changes_the_mean_is_the_effects_of_the_catalogue(series, names):
+SECOND_ORDER = {"low_pass": {"cutoff": 8.0, "order": 2.0}}
+
+
+@pytest.mark.parametrize("effects", [{name: MEAN[name]} for name in MEAN] + [SECOND_ORDER, MEAN], ids="-".join)
+def test_what_changes_the_mean_is_the_effects_of_the_catalogue(series, effects):
     t, wrench, _, temperature = series
-    effects = {name: MEAN[name] for name in names}
     model = quiet(model_of(effects))
     signals = Signals(*(jnp.asarray(x) for x in (t, t, t, t, temperature)), Model(None, None, jnp.zeros(10)))
-    values = {name: {key: jnp.asarray(x) for key, x in model.values[name].items()} for name in names}
+    values = {name: {key: jnp.asarray(x) for key, x in model.values[name].items()} for name in effects}
     expected = compose.read(signals, values, jnp.asarray(wrench))[1:]
     np.testing.assert_allclose(run(model, series)[:, 0], expected, rtol=0, atol=1e-12)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored
 from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters
-from ftbias_jax.diagnosis.evidence.gap import HeldOut, Judge, gap_removed
+from ftbias_jax.diagnosis.evidence.gap import HeldOut, Judge, gap_removed, nats_of_joints
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals import entries, pulls, series, touches
@@ -173,7 +173,7 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
     for other in hopeful[:MOST_TRIED]:
         trial = fit(problem, (*rest, other.hypothesis), accepted) if rest else other.fit
         lost, error = compared(problem, accepted.error, trial.error)
-        by_form = FORM_LOSS * gain + left if other.hypothesis.effect in declared else 0.0
+        by_form = FORM_LOSS * gain + left + nats_of_joints(problem) if other.hypothesis.effect in declared else 0.0
         if lost < max(ALIKE * error, LEAST_DIFFERENCE, by_form) and gain - lost > CLOSE * gain:
             twins[other.hypothesis.effect] = None
     return tuple(twins)[:MOST_TWINS]

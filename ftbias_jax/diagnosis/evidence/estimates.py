@@ -36,9 +36,11 @@ START_STDERR, FADING = 0.1, 0.1
 
 def parameters(problem: Problem, fit: Fit, hypothesis: Hypothesis) -> tuple[Parameters, Parameters]:
     """Values and standard errors of one hypothesis of a fit, in the units of the catalogue."""
-    if isinstance(problem.catalogue[hypothesis.effect].fit.search, Entries):
-        z, whole, of_entries = whole_matrix(problem, fit, hypothesis)
-        return _of_coordinates(problem, fit._replace(z=z), whole, of_entries)
+    few = next((h for h in fit.hypotheses if isinstance(problem.catalogue[h.effect].fit.search, Entries)), None)
+    if few is not None and not hypothesis.shapes:
+        whole = whole_matrix(problem, fit, few)
+        h = whole.matrix if hypothesis is few else hypothesis
+        return _of_coordinates(problem, fit._replace(z=whole.z), h, whole.spread(h))
     slow = [h for h in fit.hypotheses if isinstance(h.detail, Slow)]
     further = np.concatenate([fit.columns.moving[:0], *(_by_time_constant(problem, fit, h) for h in slow)])
     try:

@@ -117,9 +117,20 @@ def excess_by_chance(problem: Problem) -> float:
 
 def least_beside_joints(problem: Problem) -> float:
     """Mean square gap, in noise variances, that errors of the joints may make, and that a cause must remove."""
-    coherent = np.concatenate([np.zeros((0, 6)), *(part.coherent for part in problem.parts)])
+    coherent = _of_joints(problem)
     joints = float((_weights(problem)[: len(coherent)] * coherent / problem.noise_std**2).sum(0).mean())
     return min(SHARE_OF_JOINTS * joints, LEADS**2)
+
+
+def nats_of_joints(problem: Problem) -> float:
+    """What a cause may gain by the same errors: a low-pass, for one, smooths them in what the model predicts."""
+    coherent = _of_joints(problem)
+    return SHARE_OF_JOINTS * float((coherent / problem.variance[: len(coherent)]).sum()) / 2
+
+
+def _of_joints(problem: Problem) -> np.ndarray:
+    """(U, 6) N^2, Nm^2: variance of the bins by errors of the joints."""
+    return np.concatenate([np.zeros((0, 6)), *(part.coherent for part in problem.parts)])
 
 
 def excess_by_size(problem: Problem) -> float:

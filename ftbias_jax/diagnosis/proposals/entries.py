@@ -6,6 +6,8 @@ what is reported of the matrix is its posterior: all entries together, each smal
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, movable, search_of
@@ -25,10 +27,29 @@ ARMS = np.kron([[[0, 0], [1, 0]]], skew(np.eye(3)))
 """(3, 6, 6) leaks per m by which the point where the force acts is off, so that its torque is."""
 
 
-def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> tuple[np.ndarray, Hypothesis, np.ndarray]:
+class Whole(NamedTuple):
+    """A fit with all entries of a matrix free. F = its coordinates."""
+
+    z: np.ndarray
+    """(P,) coordinates of ``Problem.layout``."""
+    matrix: Hypothesis
+    """With all E entries that have a scale."""
+    free: tuple[int, ...]
+    """(F,) places in z of what is free."""
+    covariance: np.ndarray
+    """(F, F)."""
+
+    def spread(self, h: Hypothesis) -> np.ndarray:
+        """Covariance of the coordinates of one hypothesis."""
+        own = [self.free.index(i) for i in h.free]
+        return self.covariance[np.ix_(own, own)]
+
+
+def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> Whole:
     """Posterior of all entries of a matrix of which a fit at its best has few, the other numbers of the fit with them.
 
-    Returns coordinates (P,), the hypothesis with all E entries free that have a scale, and their covariance (E, E).
+    A lever arm is both, leaks of forces into torques and the place of the tool's mass: what tells them apart is only
+    that leaks are small, and both are the less certain for it.
     """
     entries = movable(problem, problem.catalogue[few.effect])
     further = [i for i in entries if i not in few.free]
@@ -44,26 +65,29 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> tuple[np.ndar
     z = found.z.copy()
     z[list(free)] += step[: len(free)]
     by_block = scores(columns, found.error + change(columns, step), problem.block(BLOCK_SECONDS))
-    spread = widened_inverse(by_block, precision)[np.ix_(rows, rows)]
-    return z, few._replace(free=tuple(entries), start=tuple(z[entries].tolist())), spread
+    spread = widened_inverse(by_block, precision)[: len(free), : len(free)]
+    return Whole(z, few._replace(free=tuple(entries), start=tuple(z[entries].tolist())), free, spread)
 
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
-    """Why leaks between the channels may be a rotation of the sensor's axes or another lever arm: they make up one."""
-    z, whole, spread = whole_matrix(problem, found, h)
+    """Why leaks between the channels may be a rotation of the sensor's axes or another lever arm: they make up one.
+
+    Unless that is fitted beside them.
+    """
+    whole, beside = whole_matrix(problem, found, h), {other.effect for other in found.hypotheses}
     of_entry = size_of_entries(problem.catalogue[h.effect])
     leaks = np.zeros((6, 6))
-    leaks[of_entry > 0] = z[list(whole.free)]
-    told = leaks * of_entry, of_entry, np.linalg.pinv(spread)
+    leaks[of_entry > 0] = whole.z[list(whole.matrix.free)]
+    told = leaks * of_entry, of_entry, np.linalg.pinv(whole.spread(whole.matrix))
     rotation, share = nearest(ROTATIONS, *told)
-    if share > LIKE_A_ROTATION:
+    if share > LIKE_A_ROTATION and "mount_rotation" not in beside:
         degrees = ", ".join(f"{x:.2f}" for x in np.rad2deg(rotation))
         return (
             "; or the sensor is mounted turned, or an encoder is off: the leaks are those of a turn by "
             f"({degrees}) degrees"
         )
     arm, share = nearest(ARMS, *told)
-    if share > LIKE_A_ROTATION:
+    if share > LIKE_A_ROTATION and "tool_com" not in beside:
         metres = ", ".join(f"{x:.2g}" for x in arm)
         return f"; or the centre of mass is not where it is stated: the leaks are those of an arm of ({metres}) m"
     if share_of_gains(problem, found, h) > CLOSE:

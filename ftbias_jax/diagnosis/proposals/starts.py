@@ -52,6 +52,7 @@ def smooth(
     wanted = smooth_hypotheses(problem, taken)
     found: list[Found] = []
     columns: dict[Hypothesis, np.ndarray] = {}
+    accepted = prepared_fit.fit.hypotheses
     for fixed in dict.fromkeys(h.fixed for h in wanted):
         alike = [h for h in wanted if h.fixed == fixed]
         places = [i for h in alike for i in h.free]
@@ -59,12 +60,19 @@ def smooth(
         prepared, row = gains(prepared_fit, white), iter(range(len(places)))
         for h in alike:
             rows = [next(row) for _ in h.free]
-            sparse = isinstance(problem.catalogue[h.effect].fit.search, Entries)
+            sparse = isinstance(problem.catalogue[h.effect].fit.search, Entries) or _adds_to_twin(problem, accepted, h)
             gain, chosen = prepared.pursue(rows, MOST_ENTRIES, LEAST_ENTRY) if sparse else (prepared.of(rows), rows)
             few = h._replace(free=tuple(places[i] for i in chosen), start=(0.0,) * len(chosen))
             columns[few] = white[chosen]
             found += [(gain, few)] if chosen else []
     return found, columns
+
+
+def _adds_to_twin(problem: Problem, accepted: Sequence[Hypothesis], h: Hypothesis) -> bool:
+    """Whether a number of each channel comes beside what all together look like: then some channels differ."""
+    effect = problem.catalogue[h.effect]
+    by_channel = [parameter.shape for parameter in effect.parameters] == [problem.noise_std.shape]
+    return by_channel and not {twin.effect for twin in effect.twins}.isdisjoint(other.effect for other in accepted)
 
 
 def grid_hypotheses(problem: Problem, span: np.ndarray, taken: Collection[str]) -> list[Hypothesis]:
@@ -76,7 +84,8 @@ def grid_hypotheses(problem: Problem, span: np.ndarray, taken: Collection[str]) 
         for starts in product(*(parameter.starts for parameter in searched)):
             values = {p.name: start * load for p, start in zip(searched, starts, strict=True)}
             found.append(at_values(problem, effect, **values))
-    return found
+    held = list(dict.fromkeys(h.fixed for h in found))
+    return [h._replace(group=held.index(h.fixed)) for h in found]
 
 
 def from_starts(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:

@@ -18,6 +18,7 @@ from ftbias_jax.diagnosis.terms.fit_terms import Solved, fit_terms, improve
 from ftbias_jax.diagnosis.terms.grid import of_switches
 from ftbias_jax.diagnosis.terms.library import make_library, rank
 from ftbias_jax.diagnosis.terms.select import state_of_problem
+from ftbias_jax.diagnosis.tool_first import with_tool
 from ftbias_jax.model.effects.terms.columns import added
 from ftbias_jax.model.effects.terms.types import State, Term
 
@@ -26,8 +27,9 @@ def all_carried(problem: Problem, base: Fit) -> Problem | None:
     """The problem without what touches a load in the hand-overs, if such a load is all that a log shows; None if not.
 
     A load that is taken up in the middle of a log then closes the gap by itself, and nothing else is looked for.
-    Nothing that acts all along does, and a search for effects of any shape would take the longest of all. It closes it
-    on blocks that it has not seen, too: several times at will fit much of what noise alone leaves.
+    Nothing that acts all along does, and a search for effects of any shape would take the longest of all: a tool that
+    is not as stated is no load that is there nearly all along. It closes the gap on blocks that it has not seen, too:
+    several times at will fit much of what noise alone leaves.
     """
     if gap_of(problem, base) <= enough(problem, base):
         return None
@@ -40,6 +42,8 @@ def all_carried(problem: Problem, base: Fit) -> Problem | None:
         start = fits.base(freed)
         least = enough(freed, start)
         one = improve(freed, state, stand(start), (load,))
+        if float((one.error**2).sum()) / 2 > -with_tool(freed, start).log_likelihood:
+            return None
         if gap_of(freed, start._replace(error=one.error)) <= least:
             unseen = Judge(freed)(fit_terms(freed, state, stand(start), one.terms).fit, start.error)
             return freed if gap_of(freed, start._replace(error=unseen.error)) <= least else None

@@ -14,16 +14,31 @@ import numpy as np
 from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.types import Array
 
+FIRST, SECOND = 1, 2
+BUTTERWORTH = np.sqrt(0.5)
+"""Damping ratio of the filter of the second order whose pass band is as flat as can be."""
 
-def lagged(t: Array, signal: Array, cutoff: Array) -> Array:
-    """First-order low-pass of a signal (T, k) at t (T,) s, settled at the first sample; a cutoff of inf Hz passes all.
 
-    With u the input and tau = 1 / (2 pi cutoff), the lag e = y - u obeys e' = -e / tau - u', so over a step of
-    x = dt / tau: e <- exp(-x) e - (u_new - u_old) (1 - exp(-x)) / x.
+def lagged(t: Array, signal: Array, cutoff: Array, order: Array | int = FIRST) -> Array:
+    """Low-pass of a signal (T, k) at t (T,) s, settled at the first sample; a cutoff of inf Hz passes all.
+
+    Of the first order, with u the input and tau = 1 / (2 pi cutoff), the lag e = y - u obeys e' = -e / tau - u', so
+    over a step of x = dt / tau: e <- exp(-x) e - (u_new - u_old) (1 - exp(-x)) / x. Of the second order, Butterworth's
+    w^2 / (s^2 + 2 zeta w s + w^2) with w = 2 pi cutoff: behind an input of slope v it settles at u - 2 zeta v / w, and
+    around that it rings like ``rung``, displaced by every change of the slope.
     """
     decay, passed = lag_factors(jnp.diff(t, prepend=t[:1]), cutoff)
     step = jnp.diff(signal, axis=0, prepend=signal[:1])
-    return signal + _lag(decay, -passed[:, None] * step)
+    lag = _lag(decay, -passed[:, None] * step)
+    if isinstance(order, int) and order == FIRST:
+        return signal + lag
+    slope = _slopes(t, signal)
+    rigid, w, cosine, sine = _swing_factors(jnp.diff(t), cutoff, BUTTERWORTH)
+    behind = 2 * BUTTERWORTH / w
+    kick = -jnp.diff(slope, axis=0, prepend=jnp.zeros_like(slope[:1]))
+    deviation = _ring(w, BUTTERWORTH, behind, cosine, sine, kick) - behind * slope
+    second = jnp.where(rigid, 0, jnp.concatenate([jnp.zeros_like(signal[:1]), deviation]))
+    return signal + jnp.where(jnp.asarray(order) > (FIRST + SECOND) / 2, second, lag)
 
 
 def lag_factors(dt: Array, cutoff: Array) -> tuple[Array, Array]:
@@ -53,30 +68,56 @@ def rung(t: Array, signal: Array, frequency: Array, damping_ratio: Array) -> Arr
     rate falls by the change of the input's slope. It is at rest until the first change. The frequency, undamped, is
     in Hz, and inf passes everything; the damping ratio is from 0 to below 1.
     """
-    rigid = ~jnp.isfinite(frequency)
-    w = 2 * jnp.pi * jnp.where(rigid, 1, frequency)
-    damped = w * jnp.sqrt(1 - damping_ratio**2)
-    dt = jnp.diff(t)
-    slope = jnp.diff(signal, axis=0) / jnp.where(dt > 0, dt, jnp.inf)[:, None]
+    slope = _slopes(t, signal)
+    rigid, w, cosine, sine = _swing_factors(jnp.diff(t), frequency, damping_ratio)
     # The kick at the start of an interval; none at the first one, whose slope is taken to have been there before.
     kick = -jnp.diff(slope, axis=0, prepend=slope[:1])
-    envelope = jnp.exp(-damping_ratio * w * dt)
-    cosine, sine = envelope * jnp.cos(damped * dt), envelope * jnp.sin(damped * dt) / damped
-    deviation = _ring(w, damping_ratio, cosine, sine, kick)
+    deviation = _ring(w, damping_ratio, jnp.zeros_like(w), cosine, sine, kick)
     return signal + jnp.where(rigid, 0, jnp.concatenate([jnp.zeros_like(signal[:1]), deviation]))
 
 
+def _slopes(t: Array, signal: Array) -> Array:
+    """(T - 1, k) between the samples of a signal (T, k); 0 between repeated stamps."""
+    dt = jnp.diff(t)
+    slopes: Array = jnp.diff(signal, axis=0) / jnp.where(dt > 0, dt, jnp.inf)[:, None]
+    return slopes
+
+
+def _swing_factors(dt: Array, frequency: Array, damping_ratio: Any) -> tuple[Array, Array, Array, Array]:
+    """Whether a frequency, Hz, is infinite; it in rad/s (else 1); ``swing_factors``."""
+    rigid = ~jnp.isfinite(frequency)
+    w = 2 * jnp.pi * jnp.where(rigid, 1, frequency)
+    return rigid, w, *swing_factors(dt, w, damping_ratio)
+
+
+def swing_factors(dt: Array, w: Array, damping_ratio: Any) -> tuple[Array, Array]:
+    """What steps dt (...,) s leave of a deviation and make of its rate, s: ``swing_on``; NumPy or JAX."""
+    xp, damped = dt.__array_namespace__(), w * (1 - damping_ratio**2) ** 0.5
+    envelope = xp.exp(-damping_ratio * w * dt)
+    return envelope * xp.cos(damped * dt), envelope * xp.sin(damped * dt) / damped
+
+
+def swing_on(
+    deviation: Array, rate: Array, w: Array, damping_ratio: Any, cosine: Array, sine: Array
+) -> tuple[Array, Array]:
+    """Deviation and rate a step later, of what swings freely with w rad/s."""
+    return (
+        cosine * deviation + sine * (rate + damping_ratio * w * deviation),
+        cosine * rate - sine * (w**2 * deviation + damping_ratio * w * rate),
+    )
+
+
 @compile_whole
-def _ring(w: Array, damping_ratio: Array, cosine: Array, sine: Array, kick: Array) -> Array:
-    """Deviation (T, k) at the end of every interval, for kicks (T, k) at their starts; cosine, sine (T,)."""
+def _ring(w: Array, damping_ratio: Any, behind: Array, cosine: Array, sine: Array, kick: Array) -> Array:
+    """Deviation (T, k) at the end of every interval, for kicks (T, k) at their starts; cosine, sine (T,).
+
+    A kick changes the rate, and displaces by ``behind`` () s times its opposite.
+    """
 
     def body(state: tuple[Array, Array], inputs: tuple[Array, ...]) -> tuple[tuple[Array, Array], Array]:
-        deviation, rate = state
-        cosine, sine, kick = inputs
-        rate = rate + kick
-        next_deviation = cosine * deviation + sine * (rate + damping_ratio * w * deviation)
-        next_rate = cosine * rate - sine * (w**2 * deviation + damping_ratio * w * rate)
-        return (next_deviation, next_rate), next_deviation
+        (deviation, rate), (cosine, sine, kick) = state, inputs
+        state = swing_on(deviation - behind * kick, rate + kick, w, damping_ratio, cosine, sine)
+        return state, state[0]
 
     zero = jnp.zeros_like(kick[0])
     return jax.lax.scan(body, (zero, zero), (cosine, sine, kick))[1]

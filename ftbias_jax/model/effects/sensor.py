@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.model.effects.fitting import INVERSE, Coordinate, Entries, Fitting, Grid, Linear
-from ftbias_jax.model.effects.responses import delayed, lagged, played
+from ftbias_jax.model.effects.responses import FIRST, SECOND, delayed, lagged, played
 from ftbias_jax.model.effects.statements import PERCENT, amount, channels, leak
 from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Signals, Twin, within
 from ftbias_jax.types import Array
@@ -48,8 +48,8 @@ def hysteresis(values: EffectValues, signals: Signals, wrench: Array) -> Array:
 
 
 def low_pass(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """First-order low-pass of every channel."""
-    return lagged(signals.t, wrench, values["cutoff"])
+    """Low-pass of every channel, of the first order or Butterworth's of the second."""
+    return lagged(signals.t, wrench, values["cutoff"], values["order"])
 
 
 def time_delay(values: EffectValues, signals: Signals, wrench: Array) -> Array:
@@ -125,6 +125,12 @@ EFFECTS = (
                 "Hz",
                 "frequency where the gain is 1/sqrt(2)",
                 **within((), 0.01, np.inf, np.inf, 10.0, search=True, starts=_CUTOFFS, coordinate=_PASSED),
+            ),
+            Parameter(
+                "order",
+                "1",
+                "1, or 2 for a Butterworth filter",
+                **within((), FIRST, SECOND, FIRST, 0.0, search=True, optional=True, starts=(FIRST, SECOND)),
             ),
         ),
         "the wrench is smoothed by a filter in sensor or driver",

@@ -8,7 +8,7 @@ import pytest
 from ftbias_jax.diagnosis.evidence.causes import doubt_by, doubt_of
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, Shaped
 from ftbias_jax.diagnosis.proposals import entries, pulls
-from ftbias_jax.diagnosis.proposals.entries import ARMS, ROTATIONS, nearest, size_of_entries
+from ftbias_jax.diagnosis.proposals.entries import ARMS, ROTATIONS, Whole, nearest, size_of_entries
 from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 
@@ -75,19 +75,21 @@ AN_ARM = (AN_ARM / np.where(OFF, SIZE, 1))[OFF]
 
 
 @pytest.mark.parametrize(
-    ("leaks", "of_gains", "words"),
+    ("leaks", "beside", "of_gains", "words"),
     [
-        (A_TURN, 0.0, "a turn by (1.15, 0.00, 0.00) degrees"),
-        (AN_ARM, 0.0, "an arm of (0, 0, 0.03) m"),
-        (np.arange(30.0), 0.0, ""),
-        (np.arange(30.0), 0.99, "channels whose gains are wrong"),
+        (A_TURN, "tool_com", 0.0, "a turn by (1.15, 0.00, 0.00) degrees"),
+        (A_TURN, "mount_rotation", 0.0, ""),
+        (AN_ARM, "mount_rotation", 0.0, "an arm of (0, 0, 0.03) m"),
+        (AN_ARM, "tool_com", 0.0, ""),
+        (np.arange(30.0), "gain", 0.0, ""),
+        (np.arange(30.0), "gain", 0.99, "channels whose gains are wrong"),
     ],
 )
-def test_crosstalk_that_makes_up_a_turn_an_arm_or_gains_is_doubtful(monkeypatch, leaks, of_gains, words):
+def test_crosstalk_that_makes_up_a_turn_an_arm_or_gains_is_doubtful(monkeypatch, leaks, beside, of_gains, words):
     monkeypatch.setattr(entries, "share_of_gains", lambda *given: of_gains)
     whole = Hypothesis("crosstalk", tuple(range(30)))
-    monkeypatch.setattr(entries, "whole_matrix", lambda *given: (leaks, whole, np.eye(30)))
-    said = doubt_of(PROBLEM, None, whole)
+    monkeypatch.setattr(entries, "whole_matrix", lambda *given: Whole(leaks, whole, whole.free, np.eye(30)))
+    said = doubt_of(PROBLEM, SimpleNamespace(hypotheses=(Hypothesis(beside), whole)), whole)
     assert words in said
     assert bool(said) == bool(words)
 

@@ -12,7 +12,10 @@ from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 
 BLOCKS = 25
-PROBLEM = SimpleNamespace(catalogue=CATALOGUE, samples=np.full((100, 6), 1000.0))
+JOINTS = SimpleNamespace(coherent=np.zeros((100, 6)))
+PROBLEM = SimpleNamespace(
+    catalogue=CATALOGUE, samples=np.full((100, 6), 1000.0), variance=np.ones((100, 6)), parts=(JOINTS,)
+)
 CAUSE = Hypothesis("tool_mass")
 
 
@@ -21,7 +24,7 @@ def fit_of(hypothesis, log_likelihood):
     return nothing._replace(log_likelihood=log_likelihood)
 
 
-def twins_of(monkeypatch, losses, scatter, preliminary=1000.0, gain=1000.0):
+def twins_of(monkeypatch, losses, scatter, preliminary=1000.0, gain=1000.0, problem=PROBLEM):
     """Of a cause that gains so much, with others that lose so many nats, scattered over the blocks by so much each."""
     base, accepted = fit_of(None, -gain), fit_of(CAUSE, 0.0)
     others = [Scored(fit_of(Hypothesis(name), -lost), preliminary) for name, lost in losses.items()]
@@ -33,7 +36,7 @@ def twins_of(monkeypatch, losses, scatter, preliminary=1000.0, gain=1000.0):
 
     monkeypatch.setattr(causes, "compared", compared)
     scored = [Scored(accepted, 1000.0), *others]
-    return causes.twins_of(PROBLEM, base, accepted, CAUSE, scored)
+    return causes.twins_of(problem, base, accepted, CAUSE, scored)
 
 
 @pytest.mark.parametrize(
@@ -51,6 +54,13 @@ def twins_of(monkeypatch, losses, scatter, preliminary=1000.0, gain=1000.0):
 )
 def test_who_is_a_twin(monkeypatch, why, other, lost, scatter, named):
     assert twins_of(monkeypatch, {other: lost}, scatter) == ((other,) if named else ()), why
+
+
+def test_errors_of_the_joints_may_make_the_difference_to_a_declared_twin(monkeypatch):
+    noisy = SimpleNamespace(coherent=np.full((100, 6), 0.6))
+    unsure = SimpleNamespace(**vars(PROBLEM) | {"parts": (noisy,)})
+    assert twins_of(monkeypatch, {"gain": 45.0}, 0.01, problem=unsure) == ("gain",)
+    assert twins_of(monkeypatch, {"tool_inertia": 45.0}, 0.01, problem=unsure) == ()
 
 
 def test_a_rough_fit_that_is_far_off_is_not_tried(monkeypatch):

@@ -5,8 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.cli.commands.demo import SETUP
+from ftbias_jax.diagnosis.problem import make_problem
+from ftbias_jax.diagnosis.regression.fit import base
 from ftbias_jax.diagnosis.terms.grid import make_term
-from ftbias_jax.diagnosis.terms.loads import without_touches
+from ftbias_jax.diagnosis.terms.loads import all_carried, without_touches
+from ftbias_jax.model.simulate_log import simulate
+from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.setup import parse_setup
 
 
 class Bins(NamedTuple):
@@ -27,3 +33,12 @@ def test_only_what_stands_out_beside_a_handover_is_louder():
     changed = np.argwhere(louder != bins.variance).tolist()
     assert changed == [[21, 2], [68, 2]]
     np.testing.assert_allclose(louder[21, 2], 4 + 100 * 4)  # what is left is now one standard deviation
+
+
+@in_float64
+def test_a_tool_that_is_not_as_stated_is_no_load_that_is_taken_up_at_once():
+    setup = parse_setup(SETUP)
+    log = simulate(setup, {}, duration=20, rate=100, seed=13).log
+    stated = replace(setup, tool=replace(setup.tool, mass=1.2 * setup.tool.mass))
+    problem, _ = make_problem(stated, [log])
+    assert all_carried(problem, base(problem)) is None

@@ -27,6 +27,20 @@ def test_low_pass_is_the_solution_of_its_equation_at_irregular_stamps():
         np.testing.assert_allclose(lagged(T, SIGNAL, jnp.array(cutoff))[:, channel], expected[:, 0], atol=1e-7)
 
 
+def test_low_pass_of_the_second_order_is_the_solution_of_its_equation_at_irregular_stamps():
+    w = 2 * np.pi * 2.0
+    for channel in range(2):
+        x = SIGNAL[:, channel]
+
+        def derivative(t, state, x=x):
+            return [state[1], w**2 * (np.interp(t, T, x) - state[0]) - np.sqrt(2) * w * state[1]]
+
+        expected = solved(derivative, np.array([x[0], 0.0]))
+        got = lagged(T, SIGNAL, jnp.array(2.0), jnp.array(2.0))[:, channel]
+        np.testing.assert_allclose(got, expected[:, 0], atol=1e-7)
+    np.testing.assert_array_equal(lagged(T, SIGNAL, jnp.array(2.0), jnp.array(1.0)), lagged(T, SIGNAL, jnp.array(2.0)))
+
+
 def test_ringing_is_the_solution_of_its_equation_at_irregular_stamps():
     w, zeta = 2 * np.pi * 4.0, 0.1
     slopes = np.diff(SIGNAL, axis=0) / np.diff(T)[:, None]
@@ -43,7 +57,10 @@ def test_ringing_is_the_solution_of_its_equation_at_irregular_stamps():
         np.testing.assert_allclose(got, expected[:, 0], atol=2e-5)  # the solver steps over corners of the slope
 
 
-@pytest.mark.parametrize("respond", [lambda t, x: lagged(t, x, jnp.inf), lambda t, x: rung(t, x, jnp.inf, 0.1)])
+@pytest.mark.parametrize(
+    "respond",
+    [lambda t, x: lagged(t, x, jnp.inf), lambda t, x: lagged(t, x, jnp.inf, 2), lambda t, x: rung(t, x, jnp.inf, 0.1)],
+)
 def test_an_infinite_frequency_passes_everything(respond):
     np.testing.assert_array_equal(respond(T, SIGNAL), SIGNAL)
 
@@ -52,6 +69,7 @@ def test_repeated_stamps_at_the_end_do_no_harm():
     t, signal = np.r_[T, T[-1], T[-1]], np.concatenate([SIGNAL, np.zeros((2, 2))])
     for respond in (
         lambda t, x: lagged(t, x, jnp.array(2.0)),
+        lambda t, x: lagged(t, x, jnp.array(2.0), 2),
         lambda t, x: rung(t, x, jnp.array(2.0), jnp.array(0.1)),
         lambda t, x: delayed(t, x, jnp.array(0.1)),
     ):

@@ -1,0 +1,44 @@
+"""What a sensor in a simulation remembers, sample by sample, NumPy or JAX: a low-pass and a delay."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ftbias_jax.model.effects.responses import BUTTERWORTH, FIRST, SECOND, lag_factors, swing_factors, swing_on
+from ftbias_jax.model.effects.types import EffectValues
+from ftbias_jax.types import Array
+
+
+def lagging_behind(low_pass: EffectValues, lag: Array, gained: Array, dt: Array) -> tuple[Array, Array]:
+    """(N, 6) output of a low-pass minus its input, and the next ``lag``; ``responses.lagged`` has the equations.
+
+    Args:
+        low_pass: cutoff, Hz, and order.
+        lag: (N, 3, 6) output minus input; of the second order what swings, its rate, and the slope of the input.
+        gained: (N, 6) by the input, in this step.
+        dt: (N, 1) s.
+    """
+    xp, w = dt.__array_namespace__(), 2 * np.pi * low_pass["cutoff"]
+    decay, passed = lag_factors(dt, low_pass["cutoff"])
+    first, slope, settled = decay * lag[:, 0] - passed * gained, gained / dt, 2 * BUTTERWORTH / w
+    kick = lag[:, 2] - slope
+    factors = swing_factors(dt, w, BUTTERWORTH)
+    swing, rate = swing_on(lag[:, 0] - settled * kick, lag[:, 1] + kick, w, BUTTERWORTH, *factors)
+    is_first = low_pass["order"] < (FIRST + SECOND) / 2
+    following = xp.where(is_first, xp.stack([first, lag[:, 1], lag[:, 2]], 1), xp.stack([swing, rate, slope], 1))
+    return xp.where(is_first, first, swing - settled * slope), following
+
+
+def delayed_by(delay: Array, ages: Array, history: Array) -> Array:
+    """(N, 6) as it was ``delay`` () s ago, by straight lines between samples (N, L, 6) of ages (N, L) s, oldest first.
+
+    A negative delay, wrenches that come before their joints, is none here: nobody knows what will be felt.
+    """
+    xp = ages.__array_namespace__()
+    before = xp.clip((ages >= delay).sum(1) - 1, 0, ages.shape[1] - 2)[:, None]
+    older, newer = (xp.take_along_axis(ages, i, 1) for i in (before, before + 1))
+    one, other = (xp.take_along_axis(history, i[..., None], 1)[:, 0] for i in (before, before + 1))
+    length = older - newer
+    share = xp.clip((older - delay) / xp.where(length > 0, length, 1.0), 0.0, 1.0)
+    delayed: Array = one + share * (other - one)
+    return delayed
