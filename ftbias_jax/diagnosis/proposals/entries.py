@@ -74,20 +74,21 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
 
     Unless that is fitted beside them.
     """
-    whole, beside = whole_matrix(problem, found, h), {other.effect for other in found.hypotheses}
+    whole = whole_matrix(problem, found, h)
+    beside = [p for other in found.hypotheses for p in problem.catalogue[other.effect].parameters]
     of_entry = size_of_entries(problem.catalogue[h.effect])
     leaks = np.zeros((6, 6))
     leaks[of_entry > 0] = whole.z[list(whole.matrix.free)]
     told = leaks * of_entry, of_entry, np.linalg.pinv(whole.spread(whole.matrix))
     rotation, share = nearest(ROTATIONS, *told)
-    if share > LIKE_A_ROTATION and "mount_rotation" not in beside:
+    if share > LIKE_A_ROTATION and not any(p.unit == "rad" for p in beside):
         degrees = ", ".join(f"{x:.2f}" for x in np.rad2deg(rotation))
         return (
             "; or the sensor is mounted turned, or an encoder is off: the leaks are those of a turn by "
             f"({degrees}) degrees"
         )
     arm, share = nearest(ARMS, *told)
-    if share > LIKE_A_ROTATION and "tool_com" not in beside:
+    if share > LIKE_A_ROTATION and not any(p.stated == "center_of_mass" for p in beside):
         metres = ", ".join(f"{x:.2g}" for x in arm)
         return f"; or the centre of mass is not where it is stated: the leaks are those of an arm of ({metres}) m"
     if share_of_gains(problem, found, h) > CLOSE:
