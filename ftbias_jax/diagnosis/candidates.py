@@ -119,13 +119,14 @@ def _is_other_form(problem: Problem, h: Hypothesis) -> bool:
 
 
 def _end(problem: Problem, rough: Fit) -> Fit:
-    """A fit brought to its end, with more numbers free where an effect has a more general form and gains by it."""
+    """A fit brought to its end, with more numbers free or one fewer where an effect has such a form and gains by it."""
     end = fit(problem, rough.hypotheses, rough)
-    general = ringing.freed(problem, end)
-    if general is None:
-        return end
-    freer = fit(problem, (*rough.hypotheses[:-1], general), end)
-    return freer if score(freer, end) > 0 else end
+    for form in (ringing.freed, ringing.sagging):
+        other = form(problem, end)
+        if other is not None:
+            trial = fit(problem, (*rough.hypotheses[:-1], other), end)
+            end = trial if score(trial, end) > 0 else end
+    return end
 
 
 def _without_idle_forms(problem: Problem, scored: list[Scored]) -> list[Scored]:
