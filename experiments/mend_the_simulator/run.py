@@ -27,7 +27,8 @@ from ftbias_jax.simulators.validate import validate
 
 SCENE = Path(__file__).with_name("scene.xml")
 TOML = '[robot]\nmjcf = "scene.xml"\n\n[sensor]\nnoise_std = [0.05, 0.002]\n'
-DURATION, RATE, EACH = 40.0, 200.0, 3
+DURATION, RATE, FIRST, EACH = 40.0, 200.0, 3, 3
+"""s, Hz, and the number of the first case of each kind: those before were looked at while the method was made."""
 DRAWS, TARE = 60, 1.0
 """Simulators for each band; s at the start over which recording and simulations are set to zero."""
 KINDS = ("tool", "mounting", "cable", "delay and low-pass", "crosstalk", "drag", "flexible tool", "gravity and tool")
@@ -59,6 +60,7 @@ def changed(kind, rng, folder):
         truth["cable"] = {"stiffness": stiffness}
     if kind == "flexible tool":
         frequency, gripper = rng.uniform(6, 12), spec.body("gripper")
+        truth["tool_flexibility"] = {"frequency": frequency}
         inertia = 0.4 * (0.03**2 + 0.03**2) / 3 + 0.4 * 0.06**2
         for axis in ([1, 0, 0], [0, 1, 0]):
             stiffness = inertia * (2 * np.pi * frequency) ** 2
@@ -219,7 +221,7 @@ def case(kind, number, folder):
 def main():
     cases = []
     for kind in KINDS:
-        for number in range(EACH):
+        for number in range(FIRST, FIRST + EACH):
             with tempfile.TemporaryDirectory() as folder:
                 cases.append(case(kind, number, Path(folder)))
             print({key: x for key, x in cases[-1].items() if key not in ("terms",)}, flush=True)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.evidence.estimates import parameters
+from ftbias_jax.diagnosis.evidence.gap import nats_of_joints
 from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, penalty
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals import ringing, searched, series, starts
@@ -27,7 +28,7 @@ from ftbias_jax.diagnosis.thresholds import (
     WORTH_FITTING,
     WORTH_SEARCHING,
 )
-from ftbias_jax.model.effects.fitting import SMOOTH
+from ftbias_jax.model.effects.fitting import SMOOTH, Grid
 
 
 class Scored(NamedTuple):
@@ -83,7 +84,7 @@ def candidates(
         elif all_smooth and _is_smooth(problem, h):
             fits.append(first_order(accepted, h, columns[h]))
     polished = _polish(problem, accepted, [Scored(one, score(one, accepted)) for one in fits])
-    return _without_idle_forms(problem, _best_of_each(polished))
+    return _without_idle_forms(problem, _best_of_each(problem, polished))
 
 
 def _is_smooth(problem: Problem, h: Hypothesis) -> bool:
@@ -100,20 +101,32 @@ def _polish(problem: Problem, accepted: Fit, scored: list[Scored]) -> list[Score
         end = _end(problem, s.fit) if s.fit.free and s.nats > near * top else s.fit
         return Scored(end, score(end, accepted))
 
+    by_joints = nats_of_joints(problem)
+
     def merit(s: Scored) -> float:
-        return -s.nats * problem.catalogue[s.hypothesis.effect].fit.credit
+        nats = s.nats - by_joints * _is_other_form(problem, s.hypothesis)
+        return -nats * problem.catalogue[s.hypothesis.effect].fit.credit
 
     return sorted(map(polished, scored), key=merit)
 
 
+def _is_other_form(problem: Problem, h: Hypothesis) -> bool:
+    """Whether an effect is not in its usual form, such as a filter of another order.
+
+    Some form or other fits errors of the joints: it comes first only if it gains more than these can make.
+    """
+    return isinstance(problem.catalogue[h.effect].fit.search, Grid) and any(value for _, value in h.fixed)
+
+
 def _end(problem: Problem, rough: Fit) -> Fit:
-    """A fit brought to its end, with more numbers free where an effect has a more general form and gains by it."""
+    """A fit brought to its end, with more numbers free or one fewer where an effect has such a form and gains by it."""
     end = fit(problem, rough.hypotheses, rough)
-    general = ringing.freed(problem, end)
-    if general is None:
-        return end
-    freer = fit(problem, (*rough.hypotheses[:-1], general), end)
-    return freer if score(freer, end) > 0 else end
+    for form in (ringing.freed, ringing.sagging):
+        other = form(problem, end)
+        if other is not None:
+            trial = fit(problem, (*rough.hypotheses[:-1], other), end)
+            end = trial if score(trial, end) > 0 else end
+    return end
 
 
 def _without_idle_forms(problem: Problem, scored: list[Scored]) -> list[Scored]:
@@ -133,10 +146,11 @@ def _without_idle_forms(problem: Problem, scored: list[Scored]) -> list[Scored]:
     return [s for s in scored if not is_idle(s)]
 
 
-def _best_of_each(scored: list[Scored]) -> list[Scored]:
-    """One start of every effect, and one of every joint."""
+def _best_of_each(problem: Problem, scored: list[Scored]) -> list[Scored]:
+    """One start of every effect, one of every joint, and one of every form."""
     best: dict[tuple[str, int], Scored] = {}
     for s in scored:
-        of = s.hypothesis.detail
-        best.setdefault((s.hypothesis.effect, of if isinstance(of, int) else 0), s)
+        of, group = s.hypothesis.detail, s.hypothesis.group
+        own = of if isinstance(of, int) else group * isinstance(problem.catalogue[s.hypothesis.effect].fit.search, Grid)
+        best.setdefault((s.hypothesis.effect, own), s)
     return list(best.values())

@@ -22,7 +22,7 @@ from ftbias_jax.diagnosis.report.sentence import headline, no_free_motion, note
 from ftbias_jax.diagnosis.report.series import show, where
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, together
-from ftbias_jax.diagnosis.terms.describe import describe
+from ftbias_jax.diagnosis.terms.describe import describe, follows_something
 from ftbias_jax.diagnosis.terms.found import found_terms
 from ftbias_jax.diagnosis.terms.loads import all_carried
 from ftbias_jax.diagnosis.terms.noise import louder, noise_term
@@ -131,11 +131,17 @@ def explain(
     gap = measure_gap(problem, before, after)
     answer = Answer(problem, hold_out, base, found, *searched, before, after, gap, gap.before_sigmas**2 - 1)
     pushed = all(part.touched.all_along for part in problem.parts)
-    if TERM not in without and not pushed and (answer.accepted.hypotheses or not quiet):
+    if (
+        TERM not in without
+        and (answer.accepted.hypotheses or not quiet)
+        and (not pushed or follows_something(problem, base, hold_out))
+    ):
         progress("trying terms")
         answer = _with_terms(answer, fast_lines(logs, samples))
     progress("writing the report")
-    answer, verdict, causes = _judged(answer, loud) if not pushed else (_without_causes(answer), "unknown", ())
+    answer, verdict, causes = _judged(answer, loud)
+    if pushed := pushed and verdict not in ("explained", "described"):  # a push follows nothing
+        answer, verdict, causes = _without_causes(answer)._replace(terms=()), "unknown", ()
     causes, ranking = (
         tuple(with_nominal(problem, candidate) for candidate in some) for some in (causes, ranking_of(answer))
     )

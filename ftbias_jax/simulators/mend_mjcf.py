@@ -1,35 +1,36 @@
 """An MJCF mended: the user's own text with other values of tool, mounting, gravity and joints.
 
-A body of the tool gets what the others leave of its mass and inertia, the site is turned, ``ref`` of a joint takes its
-encoder's offset, and a cable is a tendon with slack. What stands in included files is changed in copies of these.
+A body of the tool gets what the others leave of its mass and inertia, a part of it gets springs, the site is turned,
+``ref`` of a joint takes its encoder's offset, a cable is a tendon with slack, and drag is dampers. What stands in
+included files is changed in copies of these.
 """
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 
+from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.setup.bodies import RigidBody, joined
 from ftbias_jax.setup.mjcf import Mjcf, distal_body, mjcf_robot
 from ftbias_jax.setup.rotations import quaternions_of
 from ftbias_jax.setup.types import Setup
+from ftbias_jax.simulators.mend_springs import FROM_GEOMS, axes_of, in_body, mend_drag, on_springs, rigid_bodies
 from ftbias_jax.simulators.mended import (
     OF_THE_ROBOT,
     SAME,
     Mended,
     Physics,
     check_arm,
+    is_drag,
     not_expressed,
     physics_of,
     same_body,
+    without_drag,
 )
+from ftbias_jax.simulators.mjcf_texts import Texts
 from ftbias_jax.simulators.xml_text import Document, numbers
-from ftbias_jax.types import Array
 
 ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
-FILES = ("file", "fileleft", "fileright", "fileup", "filedown", "filefront", "fileback")
-"""Attributes that name a file."""
 
 
 def mend_mjcf(setup: Setup, scene: Mjcf, output: str) -> Mended:
@@ -45,109 +46,44 @@ def mend_mjcf(setup: Setup, scene: Mjcf, output: str) -> Mended:
     """
     physics = physics_of(setup)
     check_arm(setup, mjcf_robot(scene), scene.file, "--mjcf SCENE.xml")
-    texts = _Texts(scene, output)
-    missing = not_expressed(setup, OF_THE_ROBOT)
+    texts = Texts(scene, output)
+    drags = [section for section in setup.effects.get(TERM, ()) if is_drag(section)]
+    missing = not_expressed(without_drag(setup.effects), OF_THE_ROBOT)
+    of_tool, bodies = _mend_tool(texts, physics)
+    of_springs, bodies = on_springs(texts, physics, bodies)
+    for body, part in bodies.items():
+        place = texts.body(body)
+        assert place is not None  # or it would not be among them
+        _write_inertial(scene, *place, body, part)
     for name, done in {
-        "tool": _mend_tool(texts, physics),
+        "tool": of_tool,
+        "tool_flexibility": of_springs,
         "mount_rotation": _mend_site(texts, physics),
         "gravity_tilt": _mend_gravity(texts, physics),
         "encoder_offset": _mend_joints(texts, physics),
         "cable": _mend_cable(texts, physics),
+        TERM: mend_drag(texts, physics, drags),
     }.items():
         missing += [{"effect": name, "parameters": setup.effects.get(name, {}), "why": done}] if done else []
     return Mended(texts.written(), missing)
 
 
-class _Texts:
-    """The documents that a scene is made of."""
-
-    def __init__(self, scene: Mjcf, output: str) -> None:
-        self.scene, self.output = scene, output
-        self.documents = [Document(scene.file)]
-        folder = os.path.dirname(scene.file)
-        for document in self.documents:  # grows on the way
-            for i in document.find("include"):
-                path = os.path.join(folder, document.elements[i].attributes.get("file", ""))
-                if path not in {other.file for other in self.documents}:
-                    self.documents.append(Document(path))
-
-    def find(self, tag: str, **attributes: str) -> tuple[Document, int] | None:
-        """The first element of a tag with these attributes."""
-        return next(((d, i) for d in self.documents for i in d.find(tag, **attributes)), None)
-
-    def body(self, body: int) -> tuple[Document, int] | None:
-        """The element of a body: by its name, or as what the sensor's site is in."""
-        name, site = self.scene.model.body(body).name, self.find("site", name=self.site_name)
-        if name or site is None or body != self.scene.body:
-            return self.find("body", name=name) if name else None
-        return site[0], site[0].elements[site[1]].parent
-
-    @property
-    def site_name(self) -> str:
-        """Of the sensor."""
-        return str(self.scene.model.site(self.scene.site).name)
-
-    def all(self, tag: str) -> list[tuple[Document, int]]:
-        """Every element of a tag."""
-        return [(document, i) for document in self.documents for i in document.find(tag)]
-
-    def written(self) -> dict[str, str]:
-        """Path -> text of the scene and of what it includes and was changed; all with the paths that hold there."""
-        main, *others = self.documents
-        target, stem = os.path.dirname(self.output), os.path.splitext(os.path.basename(self.output))[0]
-        copies = {d.file: f"{stem}_{os.path.basename(d.file)}" for d in others if d.changed}
-        here, there = (os.path.realpath(folder or ".") for folder in (os.path.dirname(main.file), target))
-        for document in [main, *(d for d in others if d.file in copies)] if here != there or copies else []:
-            self._move_files(document, here, there, copies)
-        written = {self.output: main.text}
-        return written | {os.path.join(target, copies[d.file]): d.text for d in others if d.file in copies}
-
-    def _move_files(self, document: Document, here: str, there: str, copies: dict[str, str]) -> None:
-        """Paths in a document, relative to one folder, as they are from another."""
-        in_folder = any(
-            {"meshdir", "assetdir", "texturedir"} & d.elements[i].attributes.keys() for d, i in self.all("compiler")
-        )
-        for i, element in enumerate(document.elements):
-            names = ("meshdir", "texturedir", "assetdir") if element.tag == "compiler" else FILES
-            if element.tag not in ("compiler", "include") and in_folder:
-                continue  # found from those folders
-            for name in names:
-                path = element.attributes.get(name)
-                if path is None or os.path.isabs(path):
-                    continue
-                full = os.path.join(here, path)
-                copy = copies.get(os.path.join(os.path.dirname(self.scene.file), path))
-                new = copy if element.tag == "include" and copy else os.path.relpath(full, there)
-                if new != path:
-                    document.set(i, name, new)
-
-
-def _mend_tool(texts: _Texts, physics: Physics) -> str:
-    """Give a body of the tool what makes the whole of it right; what hinders it, or ""."""
+def _mend_tool(texts: Texts, physics: Physics) -> tuple[str, dict[int, RigidBody]]:
+    """What hinders it, or "", and the body of the tool that makes the whole of it right, in the site's frame."""
     scene, wanted = texts.scene, physics.tool
     wanted = wanted.seen_from(physics.sensor_believed.T, -physics.sensor_believed.T @ physics.sensor_position)
     bodies = scene.distal_bodies()
     whole = distal_body(scene, bodies)
     if whole is not None and same_body(whole, wanted):
-        return ""
-    if any(d.elements[i].attributes.get("inertiafromgeom") == "true" for d, i in texts.all("compiler")):
-        return "the compiler's inertiafromgeom is true: MuJoCo takes all inertia from geoms"
-    for body in sorted(_rigid(scene, bodies), key=lambda body: -float(scene.model.body_mass[body])):
-        place, rest = texts.body(body), distal_body(scene, [other for other in bodies if other != body])
+        return "", {}
+    if texts.inertia_from_geoms:
+        return FROM_GEOMS, {}
+    for body in sorted(rigid_bodies(scene), key=lambda body: -float(scene.model.body_mass[body])):
+        rest = distal_body(scene, [other for other in bodies if other != body])
         left = wanted if rest is None else joined(wanted, rest, -1.0)
-        if place is not None and left.mass > 0 and _is_physical(left):
-            _write_inertial(scene, *place, body, left)
-            return ""
-    return "no body of the tool can take the difference: what is left of it would be no body"
-
-
-def _rigid(scene: Mjcf, bodies: list[int]) -> list[int]:
-    """Those of the bodies that no joint moves against the sensor."""
-    fixed = [scene.body]
-    for body in bodies[1:]:
-        if scene.model.body_jntnum[body] == 0 and int(scene.model.body_parentid[body]) in fixed:
-            fixed.append(body)
-    return fixed
+        if texts.body(body) is not None and left.mass > 0 and _is_physical(left):
+            return "", {body: left}
+    return "no body of the tool can take the difference: what is left of it would be no body", {}
 
 
 def _is_physical(body: RigidBody) -> bool:
@@ -162,7 +98,7 @@ def _write_inertial(scene: Mjcf, document: Document, element: int, body: int, in
     rotation = to_world.T @ data.xmat[body].reshape(3, 3)  # the body's axes in the site's frame
     position = to_world.T @ (data.xpos[body] - data.site_xpos[scene.site])
     new = in_site.seen_from(rotation, position)
-    axes = _axes(model.body_iquat[body])
+    axes = axes_of(model.body_iquat[body])
     old = RigidBody(
         float(model.body_mass[body]), model.body_ipos[body], axes @ np.diag(model.body_inertia[body]) @ axes.T
     )
@@ -186,7 +122,7 @@ _FULL = (np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2]))
 """Rows and columns of MuJoCo's fullinertia: xx yy zz xy xz yz."""
 
 
-def _mend_site(texts: _Texts, physics: Physics) -> str:
+def _mend_site(texts: Texts, physics: Physics) -> str:
     """Turn and move the site of the sensor; what hinders it, or ""."""
     turn, shift = physics.sensor_rotation, physics.sensor_position
     if np.allclose(turn, np.eye(3), atol=SAME) and np.allclose(shift, 0, atol=SAME):
@@ -196,7 +132,7 @@ def _mend_site(texts: _Texts, physics: Physics) -> str:
     if place is None or place[0].elements[place[0].elements[place[1]].parent].tag != "body":
         return "the sensor's site does not stand right in a <body> of the files"
     document, element = place
-    axes = _axes(model.site_quat[site])
+    axes = axes_of(model.site_quat[site])
     if np.abs(shift).max() > SAME:
         document.set(element, "pos", numbers(model.site_pos[site] + axes @ shift))
     for name in ORIENTATIONS:
@@ -205,16 +141,7 @@ def _mend_site(texts: _Texts, physics: Physics) -> str:
     return ""
 
 
-def _axes(quaternion: Array) -> Array:
-    """(3, 3) of a quaternion w, x, y, z."""
-    import mujoco
-
-    axes = np.zeros(9)
-    mujoco.mju_quat2Mat(axes, quaternion)
-    return axes.reshape(3, 3)
-
-
-def _mend_gravity(texts: _Texts, physics: Physics) -> str:
+def _mend_gravity(texts: Texts, physics: Physics) -> str:
     scene = texts.scene
     gravity = scene.in_reference_pose().xmat[scene.base].reshape(3, 3) @ physics.gravity
     if np.allclose(gravity, scene.model.opt.gravity, rtol=0, atol=1e-7):
@@ -228,7 +155,7 @@ def _mend_gravity(texts: _Texts, physics: Physics) -> str:
     return ""
 
 
-def _mend_joints(texts: _Texts, physics: Physics) -> str:
+def _mend_joints(texts: Texts, physics: Physics) -> str:
     import mujoco
 
     model, missing = texts.scene.model, list[str]()
@@ -247,7 +174,7 @@ def _mend_joints(texts: _Texts, physics: Physics) -> str:
     return f"the files have no joint {', '.join(missing)}" if missing else ""
 
 
-def _mend_cable(texts: _Texts, physics: Physics) -> str:
+def _mend_cable(texts: Texts, physics: Physics) -> str:
     """A tendon between two new sites: it pulls with its stiffness beyond its rest length, and never pushes."""
     cable, scene = physics.cable, texts.scene
     if cable is None or cable["stiffness"] == 0:
@@ -260,9 +187,6 @@ def _mend_cable(texts: _Texts, physics: Physics) -> str:
         return "the bodies at its ends are not in the files"
     data = scene.in_reference_pose()
 
-    def in_body(body: int, world: Array) -> str:
-        return numbers(data.xmat[body].reshape(3, 3).T @ (world - data.xpos[body]))
-
     to_world, site = data.xmat[scene.base].reshape(3, 3), data.site_xmat[scene.site].reshape(3, 3)
     at_sensor = physics.sensor_position + physics.sensor_believed @ cable["attachment"]
     ends = {
@@ -270,7 +194,7 @@ def _mend_cable(texts: _Texts, physics: Physics) -> str:
         "ftbias_cable_far": (*far, carrier, data.xpos[scene.base] + to_world @ cable["anchor"]),
     }
     for name, (document, element, body, point) in ends.items():
-        document.insert(element, f'<site name="{name}" pos="{in_body(body, point)}" group="4"/>')
+        document.insert(element, f'<site name="{name}" pos="{in_body(data, body, point)}" group="4"/>')
     stiffness, length = numbers([cable["stiffness"]]), numbers([cable["rest_length"]])
     sites = "".join(f'\n    <site site="{name}"/>' for name in ends)
     tendon = f'<spatial name="ftbias_cable" stiffness="{stiffness}" springlength="0 {length}">{sites}\n  </spatial>'

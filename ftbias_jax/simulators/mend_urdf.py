@@ -50,7 +50,7 @@ def mend_urdf(setup: Setup, like: str, output: str, link: str = "") -> Mended:
         if offset:
             _move(document, joints[name], offset)
     _write_inertial(document, document.find("link", name=link)[0], _in_link(physics, pose))
-    return Mended({output: document.text}, not_expressed(setup, OF_A_URDF))
+    return Mended({output: document.text}, not_expressed(setup.effects, OF_A_URDF))
 
 
 def _move(document: Document, joint: Joint, offset: float) -> None:

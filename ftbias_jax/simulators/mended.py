@@ -10,6 +10,7 @@ import numpy as np
 from ftbias_jax.errors import SetupError
 from ftbias_jax.model.effects.catalogue import complete, values_from_setup
 from ftbias_jax.model.effects.compose import transform
+from ftbias_jax.model.effects.terms.parse import NAME as TERM
 from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import params_from_setup
@@ -21,9 +22,19 @@ from ftbias_jax.setup.types import RobotSetup, Setup, inertia_matrix
 from ftbias_jax.simulators.sensor_model import EFFECTS
 from ftbias_jax.types import Array
 
-OF_THE_ROBOT = ("tool_mass", "tool_com", "tool_inertia", "gravity_tilt", "mount_rotation", "encoder_offset", "cable")
+OF_THE_ROBOT = (
+    "tool_mass",
+    "tool_com",
+    "tool_inertia",
+    "gravity_tilt",
+    "mount_rotation",
+    "encoder_offset",
+    "cable",
+    "tool_flexibility",
+)
 """Effects that a simulator's own file may state."""
-
+DRAG = {"drive": "velocity", "form": "linear", "frame": "base", "acts_as": "force"}
+"""A term that it may state: a force against the velocity of a point of the tool, alike in all directions."""
 
 SAME = 1e-9
 """Relative: values nearer than this are left as they are written."""
@@ -55,6 +66,8 @@ class Physics(NamedTuple):
     """(n,) rad: recorded minus true angle of each joint."""
     cable: Mapping[str, Array] | None
     """Of the effect, with what it left out; None = there is none."""
+    flexibility: Mapping[str, Array] | None
+    """The same of a tool on springs."""
 
 
 @in_float64
@@ -78,6 +91,10 @@ def physics_of(setup: Setup) -> Physics:
     theta: Array = np.asarray(moved.model.theta)
     mass, center, inertia = about_center_of_mass(theta)
     turn = np.asarray(of_robot["mount_rotation"]["rotation"]) if "mount_rotation" in of_robot else np.zeros(3)
+    cable, flexibility = (
+        {key: np.asarray(x) for key, x in of_robot[name].items()} if name in of_robot else None
+        for name in ("cable", "tool_flexibility")
+    )
     return Physics(
         tool=RigidBody(float(mass), center, inertia_matrix(inertia)),
         gravity=np.asarray(moved.model.gravity),
@@ -85,8 +102,20 @@ def physics_of(setup: Setup) -> Physics:
         sensor_rotation=setup.sensor.rotation @ rotation_from_vector(turn),
         sensor_position=setup.sensor.translation,
         offsets=-np.asarray(moved.q)[0],
-        cable={key: np.asarray(x) for key, x in of_robot["cable"].items()} if "cable" in of_robot else None,
+        cable=cable,
+        flexibility=flexibility,
     )
+
+
+def is_drag(section: Mapping[str, Any]) -> bool:
+    """Whether a term is one that a simulator's own file may state."""
+    return DRAG.items() <= section.items() and bool(np.all(np.asarray(section["coefficients"]) > 0))
+
+
+def without_drag(effects: Mapping[str, Any]) -> dict[str, Any]:
+    """The effects of a setup without such terms."""
+    left = [section for section in effects.get(TERM, ()) if not is_drag(section)]
+    return {**{name: x for name, x in effects.items() if name != TERM}, **({TERM: left} if left else {})}
 
 
 def check_arm(setup: Setup, theirs: RobotSetup, file: str, draft: str) -> None:
@@ -111,24 +140,23 @@ def same_body(one: RigidBody, other: RigidBody) -> bool:
     )
 
 
-def not_expressed(setup: Setup, expressed: Iterable[str]) -> list[dict[str, Any]]:
+def not_expressed(effects: Mapping[str, Any], expressed: Iterable[str]) -> list[dict[str, Any]]:
     """What of a setup's effects neither the simulator's file nor the sensor model says.
 
     Args:
-        setup: with effects.
+        effects: of a setup.
         expressed: names of effects that the file says.
     """
     there = {*expressed, *EFFECTS}
     return [
         {"effect": name, "parameters": values, "why": WHY.get(name, OTHERS)}
-        for name, values in setup.effects.items()
+        for name, values in effects.items()
         if name not in there
     ]
 
 
 OTHERS = "the file has no element for it"
 WHY = {
-    "tool_flexibility": "it needs further joints, which would change the state of your model",
     "contact": "it happened in one recording, at its times",
     "payload_change": "it happened in one recording, at its times",
     "term": "it is described by what drives it, not by a part that a file could have",

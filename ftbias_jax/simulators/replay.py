@@ -33,6 +33,8 @@ EVERY = 1000
 """Samples between two reports of progress."""
 STEP, MOST_STEPS = 0.05, 100
 """rad of the fastest swing in one step, and steps to a sample."""
+SETTLING = 30
+"""Rounds of substitution; each leaves the share of the springs' stiffness that the weight adds to it or takes away."""
 
 
 @in_float64
@@ -65,6 +67,8 @@ def replay(scene: Mjcf, t: Array, states: Array, progress: Callable[[float], obj
     wrench, reading = np.zeros((len(t), 6)), np.zeros(6)
     for i, dt in enumerate(np.diff(t, prepend=t[:1]).tolist()):
         data.qpos[at], data.qvel[speed], data.qacc[speed] = states[i].T
+        if not i:
+            _settle(model, data, springs)
         _swing(model, data, springs, dt)
         mujoco.mj_inverse(model, data)
         mujoco.mj_rnePostConstraint(model, data)
@@ -85,11 +89,22 @@ def _springs(scene: Mjcf) -> Array:
     return np.asarray(model.jnt_dofadr[beyond & single & (model.jnt_stiffness > 0)])
 
 
+def _settle(model: Any, data: Any, springs: Array) -> None:
+    """Move what hangs on springs to where they carry it: it has hung there since long before a recording begins."""
+    import mujoco
+
+    joints = model.dof_jntid[springs]
+    data.qvel[springs] = data.qacc[springs] = 0.0
+    for _ in range(SETTLING if len(springs) else 0):
+        mujoco.mj_inverse(model, data)  # what the joints would have to add to springs and dampers
+        data.qpos[model.jnt_qposadr[joints]] -= data.qfrc_inverse[springs] / model.jnt_stiffness[joints]
+
+
 def _swing(model: Any, data: Any, springs: Array, dt: float) -> None:
     """Move what hangs on springs by one sample, and give it the acceleration that its forces make there.
 
     With the arm's accelerations given, M_ss a_s = tau_s - bias_s - M_sa a_a. The steps, short against the fastest
-    swing, are symplectic, and implicit in the dampers.
+    swing, are symplectic, and implicit in the dampers; in those of one sample only springs and dampers change.
     """
     if not len(springs):
         return
@@ -97,23 +112,23 @@ def _swing(model: Any, data: Any, springs: Array, dt: float) -> None:
 
     joints = model.dof_jntid[springs]
     stiffness, damping = model.jnt_stiffness[joints], np.diag(model.dof_damping[springs])
-    units, rows, steps = np.eye(model.nv)[springs], np.zeros((len(springs) + 1, model.nv)), 1
-    done = 0
-    while done < steps:
-        data.qacc[springs] = 0.0
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        for row, vector in zip(rows, (*units, data.qacc), strict=True):
-            mujoco.mj_mulM(model, data, row, vector)  # all that every version of MuJoCo has of its mass matrix
-        mass, force = rows[:-1, springs], (data.qfrc_passive - data.qfrc_bias - rows[-1])[springs]
-        if not done:
-            fastest = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, np.diag(stiffness))).real.max())
-            steps = min(max(int(np.ceil(fastest * dt / STEP)), 1), MOST_STEPS)
-        acceleration = np.linalg.solve(mass + dt / steps * damping, force)
-        data.qvel[springs] += dt / steps * acceleration
-        data.qpos[model.jnt_qposadr[joints]] += dt / steps * data.qvel[springs]
-        data.qacc[springs] = acceleration
-        done += 1
+    units, rows = np.eye(model.nv)[springs], np.zeros((len(springs) + 1, model.nv))
+    data.qacc[springs] = 0.0
+    mujoco.mj_fwdPosition(model, data)
+    mujoco.mj_fwdVelocity(model, data)
+    for row, vector in zip(rows, (*units, data.qacc), strict=True):
+        mujoco.mj_mulM(model, data, row, vector)  # all that every version of MuJoCo has of its mass matrix
+    mass, force = rows[:-1, springs], (data.qfrc_passive - data.qfrc_bias - rows[-1])[springs]
+    fastest = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, np.diag(stiffness))).real.max())
+    steps = min(max(int(np.ceil(fastest * dt / STEP)), 1), MOST_STEPS)
+    h, start = dt / steps, data.qvel[springs].copy()
+    inverse, velocity, moved = np.linalg.inv(mass + h * damping), start, np.zeros(len(springs))
+    for _ in range(steps):
+        acceleration = inverse @ (force - stiffness * moved - damping @ (velocity - start))
+        velocity = velocity + h * acceleration
+        moved = moved + h * velocity
+    data.qpos[model.jnt_qposadr[joints]] += moved
+    data.qvel[springs], data.qacc[springs] = velocity, acceleration
 
 
 @in_float64

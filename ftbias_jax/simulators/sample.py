@@ -12,7 +12,7 @@ from ftbias_jax.diagnosis.result import Candidate
 from ftbias_jax.errors import LogError
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.simulators.mended import OF_THE_ROBOT
+from ftbias_jax.simulators.mended import OF_THE_ROBOT, is_drag
 from ftbias_jax.simulators.sensor_model import EFFECTS
 from ftbias_jax.types import Array
 
@@ -93,7 +93,11 @@ def with_rest(setup: Setup, content: Mapping[str, Any]) -> Setup:
         np.asarray(x, float) for x in (gap["before"]["rms"], gap["after"]["rms"], gap["noise_floor"])
     )
     found = (*content.get("causes", ()), *content.get("terms", ()))
-    unsaid = sum(one["shrink"] for one in found if one.get("effect") not in (*OF_THE_ROBOT, *EFFECTS))
+    unsaid = sum(
+        one["shrink"]
+        for one in found
+        if one.get("effect") not in (*OF_THE_ROBOT, *EFFECTS) and not is_drag(one.get("section", {}))
+    )
     rest = np.sqrt(np.maximum(after**2 - noise**2 + unsaid * (before**2 - noise**2), 0))
     rest = np.where(rest > FAINT * noise, rest, 0)
     if not rest.any():

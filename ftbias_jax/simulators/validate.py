@@ -19,6 +19,7 @@ from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.mjcf import Mjcf
 from ftbias_jax.setup.types import Setup
+from ftbias_jax.simulators.mended import without_drag
 from ftbias_jax.simulators.replay import against, joint_states, replay
 from ftbias_jax.simulators.sensor_model import EFFECTS
 from ftbias_jax.types import Array
@@ -80,7 +81,7 @@ def validate(
         progress: called with the name of each stage as it begins.
     """
     progress("replaying the logs")
-    of_sensor = {name: x for name, x in mended.effects.items() if name in (*EFFECTS, TERM)}
+    of_sensor = {name: x for name, x in without_drag(mended.effects).items() if name in (*EFFECTS, TERM)}
     whole = [clean(log) for log in logs]
     times, states = [log.t for log in whole], [joint_states(setup, log) for log in whole]
     found = []

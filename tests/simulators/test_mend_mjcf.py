@@ -9,12 +9,13 @@ from made_scenes import GRIPPER, SCENE, reading_of_mujoco, write
 
 from ftbias_jax.errors import SetupError
 from ftbias_jax.model.effects import compose
-from ftbias_jax.model.effects.catalogue import values_from_setup
+from ftbias_jax.model.effects.catalogue import CATALOGUE, complete, values_from_setup
 from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.mjcf import load_mjcf
 from ftbias_jax.simulators.mend_mjcf import mend_mjcf
+from ftbias_jax.simulators.replay import replay
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
@@ -46,11 +47,13 @@ def states(n=7, count=10):
     return np.random.default_rng(0).uniform(-1.5, 1.5, (3, count, n))
 
 
-def expected_of(setup, q, dq, ddq):
+def expected_of(setup, q, dq, ddq, t=None):
     """(T, 6) of our own model with the setup's effects."""
-    params, t = params_from_setup(setup), jnp.zeros(len(q))
-    signals = Signals(t, jnp.asarray(q), dq, ddq, t, Model(params.arm, params.gravity, params.theta))
+    params, zero = params_from_setup(setup), jnp.zeros(len(q))
+    model = Model(params.arm, params.gravity, params.theta)
+    signals = Signals(zero if t is None else t, jnp.asarray(q), dq, ddq, zero, model)
     values = {name: jax.tree.map(jnp.asarray, x) for name, x in values_from_setup(setup.effects).items()}
+    values |= {name: complete(CATALOGUE[name], x, model) for name, x in values.items() if name in CATALOGUE}
     return compose.predict(signals, values)
 
 
@@ -117,13 +120,14 @@ def test_the_heaviest_body_takes_the_difference_also_in_an_included_file_and_fro
 
 
 def test_what_the_file_cannot_say_is_listed_with_the_reason(scene, tmp_path):
-    effects = {"tool_flexibility": {"frequency": 9.0, "damping_ratio": 0.1}, "low_pass": {"cutoff": 9.0}}
+    balanced = {"frequency": 9.0, "damping_ratio": 0.1, "sagging": 0.0}
+    effects = {"tool_flexibility": balanced, "low_pass": {"cutoff": 9.0}}
     setup = replace(load_setup(scene[1]), effects=effects)
     made = mend_mjcf(setup, load_mjcf(scene[0]), str(tmp_path / "mended.xml"))
     assert [(x["effect"], x["parameters"]) for x in made.not_expressed] == [
         ("tool_flexibility", effects["tool_flexibility"])
     ]
-    assert "further joints" in made.not_expressed[0]["why"]
+    assert "balanced" in made.not_expressed[0]["why"]
     scene[0].write_text(SCENE.replace("<compiler ", '<compiler inertiafromgeom="true" '))
     setup = replace(setup, effects={"tool_mass": {"mass": 0.9}})
     made = mend_mjcf(setup, load_mjcf(scene[0]), str(tmp_path / "mended.xml"))
@@ -132,6 +136,51 @@ def test_what_the_file_cannot_say_is_listed_with_the_reason(scene, tmp_path):
     setup = replace(setup, effects={"tool_mass": {"mass": 0.01}})
     scene[0].write_text(SCENE)
     assert "would be no body" in mend_mjcf(setup, load_mjcf(scene[0]), "mended.xml").not_expressed[0]["why"]
+
+
+DRAG = {"drive": "velocity", "form": "linear", "frame": "base", "acts_as": "force", "point": [0.0, 0.02, 0.05]}
+
+
+def slow_motion(n=7):
+    """t, and (T, n, 3) states that begin at rest."""
+    t = np.arange(2000) * 0.005
+    size, phase = 0.5 + 0.1 * np.arange(n), 0.3 * np.arange(n)
+    ramp, speed = 1 - np.exp(-(t**2) / 4), 0.6
+    q = size * ramp[:, None] * np.sin(speed * t[:, None] + phase)
+    dq = np.gradient(q, t, axis=0)
+    return t, np.stack([q, dq, np.gradient(dq, t, axis=0)], 2)
+
+
+@pytest.mark.parametrize("share", [[0.4, 0.4, 0, 0, 0, 0], [0, 0, 0, 0.4, 0.2, 0]], ids=["shifts", "turns"])
+def test_a_part_on_springs_sags_in_mujoco_as_in_the_model(scene, share, tmp_path):
+    free = SCENE.replace('density="800"', 'density="800" contype="0" conaffinity="0"')
+    scene[0].write_text(free.replace("</worldbody>", f"</worldbody><keyframe><key qpos='{'0 ' * 15}'/></keyframe>"))
+    flexibility = {"frequency": 9.0, "damping_ratio": 0.05, "share": share}
+    setup = load_setup(scene[1])
+    made = mended(replace(setup, effects={"tool_flexibility": flexibility}), scene[0], tmp_path / "mended.xml")
+    assert made.not_expressed == []
+    t, states = slow_motion()
+    felt = replay(load_mjcf(tmp_path / "mended.xml"), t, states) - replay(load_mjcf(scene[0]), t, states)
+    rigid, sagged = (
+        expected_of(replace(setup, effects=effects), *np.moveaxis(states, 2, 0), t=t)
+        for effects in ({}, {"tool_flexibility": flexibility})
+    )
+    expected = (sagged - rigid)[200:, 3:5]
+    assert np.abs(felt[200:, 3:5] - expected).max() < 0.2 * np.abs(expected).max()
+
+
+def test_drag_is_dampers_that_the_sensor_feels_as_the_model_says(scene, tmp_path):
+    terms = [{**DRAG, "coefficients": [9.0]}, {**DRAG, "frame": "sensor", "coefficients": [9.0, 8.0, 7.0]}]
+    setup = replace(load_setup(scene[1]), effects={"term": terms})
+    made = mended(setup, scene[0], tmp_path / "mended.xml")
+    assert [x["parameters"] for x in made.not_expressed] == [terms[1:]]
+    t, states = slow_motion()
+    felt = replay(load_mjcf(tmp_path / "mended.xml"), t, states) - replay(load_mjcf(scene[0]), t, states)
+    setup = replace(setup, effects={"term": terms[:1]})
+    motion = np.moveaxis(states, 2, 0)
+    expected = expected_of(setup, *motion, t=t) - expected_of(replace(setup, effects={}), *motion, t=t)
+    assert np.abs(expected[:, :3]).max() > 1
+    assert np.abs(felt - expected).max() < 3e-3 * np.abs(expected).max()
 
 
 def test_a_scene_with_another_arm_is_refused(scene):

@@ -127,6 +127,23 @@ def freed(problem: Problem, found: Fit) -> Hypothesis | None:
     return h._replace(free=free, start=tuple(found.z[list(free)].tolist()), fixed=())
 
 
+def sagging(problem: Problem, found: Fit) -> Hypothesis | None:
+    """The last hypothesis of a fit, if it is a tool on springs that its weight may bend, with one that does.
+
+    Slow motion shows no more than how far the tool sags: stiff springs that are half balanced would say the same as
+    softer ones.
+    """
+    h = found.hypotheses[-1]
+    effect = problem.catalogue[h.effect]
+    if not isinstance(effect.fit.search, Ringing):
+        return None
+    place = _places(problem, effect).sagging
+    free = tuple(i for i in h.free if i != place)
+    if free == h.free:
+        return None
+    return h._replace(free=free, start=tuple(found.z[list(free)].tolist()), fixed=(*h.fixed, (place, 1.0)))
+
+
 def is_plausible(problem: Problem, accepted: Fit, found: Fit) -> bool:
     """Whether the tool on springs that a fit has more than another one needs neither of its limits.
 

@@ -12,13 +12,14 @@ from ftbias_jax.diagnosis.evidence.gap import Judge, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.touches import takes_most
 from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.diagnosis.regression.score_test import stand
 from ftbias_jax.diagnosis.search import gap_of
 from ftbias_jax.diagnosis.terms.fit_terms import Solved
 from ftbias_jax.diagnosis.terms.library import merit_of
 from ftbias_jax.diagnosis.terms.select import Search, Step, numbers_of
-from ftbias_jax.diagnosis.thresholds import AS_WELL, CLEARLY, CLOSE, LEAST_SHARE_OF_GAP, NEARLY
+from ftbias_jax.diagnosis.thresholds import AS_WELL, CLEARLY, CLOSE, LEAST_SHARE_OF_GAP, NATS_PER_DEGREE, NEARLY
 from ftbias_jax.model.effects.catalogue import CATALOGUE
-from ftbias_jax.model.effects.fitting import Linear, Pull, Touches
+from ftbias_jax.model.effects.fitting import Linear, Pull, Ringing, Touches
 from ftbias_jax.model.effects.fitting import Step as StepSearch
 from ftbias_jax.model.effects.terms.types import Term
 
@@ -85,7 +86,7 @@ def describe(
         ahead = 1.0 if scored[0].hypothesis.effect in CATALOGUE else CLEARLY
         better = found and found[0][0] > ahead * merit_of(gain, scored[0].fit.degrees - kept.degrees)
         # Contact that takes most of a log leaves too little free motion to judge a term of the motion by.
-        if better and not takes_most(scored[0].hypothesis, problem):
+        if better and not takes_most(scored[0].hypothesis, problem) and not says(problem, scored[0], kept, found[0][1]):
             break  # a single term does better
         kept = scored[0].fit
         found = search.best(kept)
@@ -115,6 +116,13 @@ def describe(
     return Outcome(Description(moved, said, fit, tuple(steps), search))
 
 
+def follows_something(problem: Problem, base: Fit, hold_out: Judge) -> bool:
+    """Whether one term may explain nearly all, to first order: what a hand does follows nothing."""
+    ranked = Search(problem, base, hold_out).ranked(stand(base))
+    gap = -base.log_likelihood - (problem.samples > 0).sum() / 2
+    return bool(ranked and ranked[0].merit > (1 - NEARLY) * gap)
+
+
 def _by_name(
     search: Search, kept: Fit, found: list[tuple[float, Solved]], rounds: list[list[Scored]]
 ) -> tuple[Fit, list[tuple[float, Solved]], list[list[Scored]]]:
@@ -136,12 +144,15 @@ def _by_name(
 def says(problem: Problem, effect: Scored, kept: Fit, described: Solved) -> bool:
     """Whether an effect of the tool or its mounting does to the reading what a term that follows gravity does.
 
-    It does nearly the same to the forces or the torques, whichever the term acts on, by no more numbers, and no harm to
-    the others: a term is of the few numbers that gain most, and the effect changes what goes with them.
+    It does nearly the same to the forces or the torques, whichever the term acts on, and no harm to the others: a term
+    is of the few numbers that gain most, and the effect changes what goes with them. If it has more numbers than the
+    term, they are worth their price.
     """
     term = described.terms[0]
-    linear = isinstance(problem.catalogue[effect.hypothesis.effect].fit.search, Linear)
-    if term.drive != GRAVITY or not linear or effect.fit.degrees - kept.degrees > numbers_of(term):
+    of_tool = isinstance(problem.catalogue[effect.hypothesis.effect].fit.search, (Linear, Ringing))
+    more = effect.fit.degrees - kept.degrees - numbers_of(term)
+    gain = effect.fit.log_likelihood - described.log_likelihood
+    if term.drive != GRAVITY or not of_tool or (more > 0 and gain < NATS_PER_DEGREE * more):
         return False
     of_effect, of_term = (kept.error - one.error for one in (effect.fit, described))
     power, apart = (of_term**2).sum(0), ((of_term - of_effect) ** 2).sum(0)

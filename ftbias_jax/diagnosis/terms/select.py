@@ -63,7 +63,7 @@ class Search:
     def best(self, start: Fit) -> list[tuple[float, Solved]]:
         """The most promising terms fitted beside the effects of a fit, with their merits, best first."""
         prepared_fit = stand(start)
-        ranked = self._ranked(prepared_fit)
+        ranked = self.ranked(prepared_fit)
         top = ranked[0].merit if ranked else 0.0
         worth = [one for one in _of_each_drive(ranked) if one.merit > max(_worth(one.term) * top, 0.0)]
         few = [one for place, one in enumerate(worth) if place < thresholds.TERMS_FITTED or one.term.form in STARTS]
@@ -80,7 +80,7 @@ class Search:
                 found[best] = improved(found[best][1].terms[0], FURTHER_STEPS)
         return sorted(found, key=_order)
 
-    def _ranked(self, prepared_fit: PreparedFit) -> list[Ranked]:
+    def ranked(self, prepared_fit: PreparedFit) -> list[Ranked]:
         """The grid beside a fit, best first, with what stands out in the spectra of what that leaves."""
         ranked, start = rank(self.library, prepared_fit), prepared_fit.fit
         if start is not self.base:

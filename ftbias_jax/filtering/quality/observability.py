@@ -14,14 +14,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import jax
+import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.filtering.pipeline import predict_wrench
 from ftbias_jax.filtering.quality.at_rest import LEAST_TURN
 from ftbias_jax.filtering.result import Filtered
 from ftbias_jax.io.log import Repair, Repairs
+from ftbias_jax.model.kinematics.recorded_pose import motions_of
 from ftbias_jax.model.params import Params
+from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.setup.types import ToolSetup
 from ftbias_jax.types import Array
 
@@ -67,16 +68,11 @@ def remarks(down: Array) -> Repairs:
     return ()
 
 
-@jax.jit
+@keep_program()
 def _down(params: Params, joints: Array) -> Array:
     """(N, 3) unit vectors along gravity, sensor frame, for joint states (N, n, 3)."""
-
-    def one(joint: Array) -> Array:
-        motion, _ = predict_wrench(params, joint)
-        return motion.R_base_sensor.T @ params.gravity
-
-    down = jax.vmap(one)(joints)
-    return down / jax.numpy.linalg.norm(params.gravity)
+    turned = motions_of(params.arm, *jnp.moveaxis(joints, (2, 1), (0, 1))).sensor_rotation
+    return jnp.einsum("ijn,i->nj", turned, params.gravity / jnp.linalg.norm(params.gravity))
 
 
 def error_of_tool(wrench_tool: Array, tool: ToolSetup, acceleration_std: Array = EXACT) -> Array:
