@@ -14,6 +14,7 @@ import ftbias_jax as ft
 from ftbias_jax.diagnosis.hypothesis import at_values, at_zero, movable
 from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.diagnosis.regression import chain_model
+from ftbias_jax.diagnosis.regression.coordinates import can_move
 from ftbias_jax.diagnosis.regression.evaluate import measured, readings, whitened
 from ftbias_jax.diagnosis.regression.fit import base, fit
 from ftbias_jax.model.effects.fitting import SMOOTH
@@ -84,8 +85,11 @@ def fitted(setup, logs, name):
 
 
 def starts_of(effect):
-    """Values of an effect's parameters to start a fit at: all combinations of those that its entry names."""
-    names = [parameter.name for parameter in effect.parameters if parameter.starts]
+    """Values of an effect's parameters to start a fit at: all combinations of those that its entry names.
+
+    Of what no fit moves, such as the order of a filter, the usual one, as in a plan.
+    """
+    names = [parameter.name for parameter in effect.parameters if parameter.starts and can_move(parameter).any()]
     return [dict(zip(names, some, strict=True)) for some in product(*(effect.parameter(n).starts for n in names))]
 
 

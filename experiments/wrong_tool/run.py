@@ -39,6 +39,7 @@ FURTHER = ("gain", "hysteresis", "encoder_offset")
 """Further causes beside those that are asked for."""
 FORMS = {"gain": ("one_channel",)}
 """Forms, where not all: gains of all force channels alike beside an unknown mass are the mass."""
+TOOL = {"tool_mass", "tool_com"}
 SAME = {"clock_skew": "clock_drift"}
 """Form of a cause -> what the catalogue calls it: a delay that grows is a clock that drifts."""
 LIMITS = Limits((20.0, 40.0), (125.0, 200.0, 250.0, 400.0, 500.0), False)
@@ -109,7 +110,7 @@ def one(index, seed):
         said = to_json(found)
         label = read_labels(folder, ["log_000"])["log_000"]
         before, after = (gap_of(stated, second) for stated in (setup, found.apply(setup)))
-    compared = {(x.effect, x.parameter): x for x in compare(label, said)}
+    compared = {(x.effect, x.parameter): x for x in compare(label, said) if x.effect in TOOL}
     off = {f"{effect}.{name}": (np.abs(x.error) / x.stderr).round(2).tolist() for (effect, name), x in compared.items()}
     form = made["form"][made["cause"]]
     tool = [compared.get(x) for x in (("tool_mass", "mass"), ("tool_com", "center_of_mass"))]
@@ -123,7 +124,6 @@ def one(index, seed):
         "verdict": said["verdict"],
         "causes": [cause["effect"] for cause in said["causes"]],
         "terms": [f"{term['drive']} {term['form']}" for term in said["terms"]],
-        "sentence": found.sentence,
         "tool_named": all(tool),
         "tool_within": all(x is not None and bool(x.inside.all()) for x in tool),
         "cause_named": any({made["cause"], SAME.get(form)} & names for names in named(said)),
@@ -153,11 +153,22 @@ def faint(found):
 
 
 def summary(rows):
-    """Shares of the rows, for all and for the causes that are asked for."""
+    """Shares of the rows, for all and for the causes that are asked for.
+
+    ``cause_named``: itself, or as one of at most three twins that a cause declares; ``cause_itself``: without twins.
+    ``more_named``: something else beside tool and cause. ``faint``: a number that is named is within two standard
+    errors of what the setup says.
+    """
+    for row in rows:
+        true = {row["cause"], SAME.get(row["form"])}
+        row["cause_itself"] = not true.isdisjoint(row["causes"])
+        row["more_named"] = len(set(row["causes"]) - TOOL) + len(row["terms"]) > 1
     groups = {"all": rows, "asked": [row for row in rows if row["cause"] in ASKED]}
     groups |= {cause: [row for row in rows if row["cause"] == cause] for cause in ASKED + FURTHER}
-    shares = ("tool_named", "tool_within", "cause_named", "worse")
-    return {name: {key: share(row[key] for row in some).plain() for key in shares} for name, some in groups.items()}
+    shares = ("tool_named", "tool_within", "cause_named", "cause_itself", "more_named", "faint", "worse")
+    return {
+        name: {key: share(bool(row[key]) for row in some).plain() for key in shares} for name, some in groups.items()
+    }
 
 
 def main():

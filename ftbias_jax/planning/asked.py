@@ -6,7 +6,6 @@ No effect is known here by name: an entry of the catalogue says which of its num
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -98,13 +97,6 @@ def asked_for(name: str, model: Model, catalogue: Catalogue, stated: Mapping[str
     numbers = [row for p in effect.parameters for row in _rows(effect, p, np.asarray(values[p.name]))]
     labels, units, sizes = zip(*(numbers[i] for i in movable), strict=True)
     return Asked(name, labels, units, base[movable], np.array(sizes), base)
-
-
-def forms_of(effect: Effect) -> list[EffectValues]:
-    """Values of what no fit moves but a search tries, such as the order of a filter; [{}] where there is nothing."""
-    tried = [p for p in effect.parameters if p.starts and not can_move(p).any()]
-    every = product(*(p.starts for p in tried))
-    return [{p.name: jnp.asarray(float(x)) for p, x in zip(tried, some, strict=True)} for some in every]
 
 
 def _typical(effect: Effect, model: Model) -> EffectValues:

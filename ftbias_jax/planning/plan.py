@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from itertools import product
 from typing import Any
 
 import jax.numpy as jnp
@@ -14,14 +13,13 @@ from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.samples import first_position
 from ftbias_jax.io.log import Log
-from ftbias_jax.model.effects.catalogue import Catalogue
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.model.trajectories import working_range
-from ftbias_jax.planning.asked import NOISE, TOOL, Asked, asked_for, forms_of, inertia_std
+from ftbias_jax.planning.asked import NOISE, TOOL, asked_for, inertia_std
 from ftbias_jax.planning.checked import excess_at_rest, times, used_shares, within_limits
-from ftbias_jax.planning.climb import Task, best_shape, separations, told_by, with_nearest
+from ftbias_jax.planning.climb import Task, best_shape, told_by, with_nearest
 from ftbias_jax.planning.forecast import forecast, information_of_logs
 from ftbias_jax.planning.limits import Limits, check_start, limits_of
 from ftbias_jax.planning.noise import noise_of
@@ -91,15 +89,16 @@ def plan(
     params, catalogue = params_from_setup(setup), catalogue_of_setup(setup)
     stated = {**(params.effects or {}), **(values or {})}
     model = Model(params.arm, params.gravity, params.theta)
-    ways = ways_to_ask(names, model, catalogue, stated)
-    asked = ways[0]
+    asked = tuple(asked_for(name, model, catalogue, stated) for name in names)
     first = first_pose(setup, logs, start)
     limits, assumed = limits_of(setup, first, margin)
-    numbers = numbers_of(asked, model, catalogue)
+    numbers: tuple[Any, ...] = tuple((one.base, one.scale, one.at) for one in asked)
+    if len(asked) == 2:
+        numbers = (*((*of_name, of_name[-1]) for of_name in numbers), inertia_std(asked, model, catalogue))
     task, typical = make_task(setup, params, limits, first, numbers, asked[-1].scale, duration, rate)
     check_start(limits, first, setup.robot.joint_names, excess_at_rest(task, catalogue))
     if len(asked) == 2:
-        task, asked = hardest(task, typical, ways, catalogue)
+        task = with_nearest(task, typical, names, catalogue)
     free = best_shape(task, names, catalogue, seed, lambda share: progress(f"searching, {share // 0.25 / 4:.0%} done"))
     progress("checking the limits")
     found, _ = within(task.points, limits, first, jnp.asarray(free))
@@ -108,7 +107,7 @@ def plan(
     motion = motion_at(np.arange(round(duration * rate) + 1) / rate, duration, first, coefficients)
     task = task._replace(noise=noise_of(setup, motion.q, motion.dq, rate, task.points.t))
     if len(asked) == 2:
-        task, asked = hardest(task, coefficients, ways, catalogue)
+        task = with_nearest(task, coefficients, names, catalogue)
     of_plan = told_by(task, coefficients, names, catalogue)
     of_logs = (
         information_of_logs(make_problem(setup, logs)[0], names, task.numbers) if logs and names != (NOISE,) else None
@@ -122,43 +121,6 @@ def plan(
     return Plan(
         setup, told, asked, motion, coefficients, expected, used, assumed, tuple(logs), time.monotonic() - began
     )
-
-
-def ways_to_ask(
-    names: tuple[str, ...], model: Model, catalogue: Catalogue, stated: Mapping[str, EffectValues]
-) -> list[tuple[Asked, ...]]:
-    """What is asked for; where two effects are to be told apart, of either in every form that a diagnosis tries."""
-    several: list[list[EffectValues]] = [
-        forms_of(catalogue[name]) if len(names) == 2 and name in catalogue else [{}] for name in names
-    ]
-
-    def ask(name: str, form: EffectValues) -> Asked:
-        return asked_for(name, model, catalogue, {**stated, name: {**stated.get(name, {}), **form}})
-
-    return [tuple(map(ask, names, some)) for some in product(*several)]
-
-
-def numbers_of(asked: tuple[Asked, ...], model: Model, catalogue: Catalogue) -> tuple[Any, ...]:
-    """``Task.numbers``."""
-    numbers = tuple((one.base, one.scale, one.at) for one in asked)
-    if len(asked) == 1:
-        return numbers
-    return (*((*of_name, of_name[-1]) for of_name in numbers), inertia_std(asked, model, catalogue))
-
-
-def hardest(
-    task: Task, coefficients: np.ndarray, ways: list[tuple[Asked, ...]], catalogue: Catalogue
-) -> tuple[Task, tuple[Asked, ...]]:
-    """The forms of two effects that a motion tells apart least, at the values at which they come nearest."""
-
-    def told(asked: tuple[Asked, ...]) -> tuple[float, Task]:
-        names, numbers = tuple(one.name for one in asked), numbers_of(asked, task.model, catalogue)
-        near = with_nearest(task._replace(numbers=numbers), coefficients, names, catalogue)
-        return float(min(separations(told_by(near, coefficients, names, catalogue), len(asked[1].at)))), near
-
-    found = [(*told(asked), asked) for asked in ways]
-    _, near, asked = min(found, key=lambda one: one[0])
-    return near, asked
 
 
 def check_arguments(setup: Setup, names: tuple[str, ...], duration: float, rate: float, margin: float) -> None:

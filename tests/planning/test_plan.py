@@ -9,7 +9,6 @@ import ftbias_jax as ft
 from ftbias_jax.calibration.tool.physical import NAMES
 from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.errors import UsageError
-from ftbias_jax.model.effects.types import Model
 from ftbias_jax.model.kinematics.screws import sensor_pose
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate import simulate
@@ -142,29 +141,9 @@ def test_two_effects_are_compared_where_they_come_nearest_to_one_another(setup):
         task, _ = plan.make_task(setup, params_from_setup(setup), *arguments)
         found = climb.with_nearest(task, made.coefficients, ("time_delay", "low_pass"), ft.CATALOGUE)
     (*_, delay), (*_, cutoff), _ = found.numbers
-    assert list(made.asked[1].base) == [4, 2], "the form that comes nearest"
-    slow = np.sqrt(2)  # such a filter delays by sqrt(2) / w what is slow
-    assert 2 * np.pi * cutoff[0] * 0.02 == pytest.approx(slow, rel=0.2), "a delay looks like a low-pass of that time"
-    assert 2 * np.pi * 4.0 * delay[0] == pytest.approx(slow, rel=0.2)
-    assert 1 < made.forecast.separates["time_delay:low_pass"] < np.inf
-
-
-def test_two_effects_are_compared_in_the_forms_that_a_motion_tells_apart_least(setup):
-    """A delay of 40 ms against filters of either order: one of the second order attenuates what is slow much less."""
-    values = {"time_delay": {"delay": jnp.asarray(0.04)}, "low_pass": {"cutoff": jnp.asarray(4.0)}}
-    params, names = params_from_setup(setup), ("time_delay", "low_pass")
-    model, home = Model(params.arm, params.gravity, params.theta), plan.working_range(setup)[0]
-    ways = plan.ways_to_ask(names, model, ft.CATALOGUE, values)
-    assert [list(low_pass.base) for _, low_pass in ways] == [[4, 1], [4, 2]]
-    limits, _ = plan.limits_of(setup, home, MARGIN)
-    numbers = plan.numbers_of(ways[0], model, ft.CATALOGUE)
-    task, typical = plan.make_task(setup, params, limits, home, numbers, ways[0][1].scale, DURATION, RATE)
-    nats = []
-    for tried in (ways[:1], ways[1:], ways):
-        near, asked = plan.hardest(task, typical, tried, ft.CATALOGUE)
-        nats.append(min(climb.separations(climb.told_by(near, typical, names, ft.CATALOGUE), 1)))
-    assert asked[1].base[1] == 2
-    assert nats[2] == nats[1] < nats[0] / 4
+    assert 2 * np.pi * cutoff[0] * 0.02 == pytest.approx(1, rel=0.2), "a delay looks like a low-pass of that time"
+    assert 2 * np.pi * 4.0 * delay[0] == pytest.approx(1, rel=0.2)
+    assert 12.5 < made.forecast.separates["time_delay:low_pass"] < np.inf
 
 
 def test_what_is_written_is_what_the_plan_says(made, tmp_path):
