@@ -8,6 +8,9 @@ from ftbias_jax.model.effects.responses import BUTTERWORTH, FIRST, SECOND, lag_f
 from ftbias_jax.model.effects.types import EffectValues
 from ftbias_jax.types import Array
 
+PASSES_ALL = 1e6
+"""Hz; the swing of a filter whose cutoff is infinite has no factors."""
+
 
 def lagging_behind(low_pass: EffectValues, lag: Array, gained: Array, dt: Array) -> tuple[Array, Array]:
     """(N, 6) output of a low-pass minus its input, and the next ``lag``; ``responses.lagged`` has the equations.
@@ -18,7 +21,8 @@ def lagging_behind(low_pass: EffectValues, lag: Array, gained: Array, dt: Array)
         gained: (N, 6) by the input, in this step.
         dt: (N, 1) s.
     """
-    xp, w = dt.__array_namespace__(), 2 * np.pi * low_pass["cutoff"]
+    xp = dt.__array_namespace__()
+    w = 2 * np.pi * xp.minimum(low_pass["cutoff"], PASSES_ALL)
     decay, passed = lag_factors(dt, low_pass["cutoff"])
     first, slope, settled = decay * lag[:, 0] - passed * gained, gained / dt, 2 * BUTTERWORTH / w
     kick = lag[:, 2] - slope

@@ -15,7 +15,7 @@ from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.types import Array
 
 FIRST, SECOND = 1, 2
-BUTTERWORTH = np.sqrt(0.5)
+BUTTERWORTH = 0.5**0.5
 """Damping ratio of the filter of the second order whose pass band is as flat as can be."""
 
 
@@ -36,7 +36,7 @@ def lagged(t: Array, signal: Array, cutoff: Array, order: Array | int = FIRST) -
     rigid, w, cosine, sine = _swing_factors(jnp.diff(t), cutoff, BUTTERWORTH)
     behind = 2 * BUTTERWORTH / w
     kick = -jnp.diff(slope, axis=0, prepend=jnp.zeros_like(slope[:1]))
-    deviation = _ring(w, BUTTERWORTH, behind, cosine, sine, kick) - behind * slope
+    deviation = _ring(w, jnp.full_like(w, BUTTERWORTH), behind, cosine, sine, kick) - behind * slope
     second = jnp.where(rigid, 0, jnp.concatenate([jnp.zeros_like(signal[:1]), deviation]))
     return signal + jnp.where(jnp.asarray(order) > (FIRST + SECOND) / 2, second, lag)
 
