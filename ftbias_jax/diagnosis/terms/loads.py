@@ -37,7 +37,10 @@ def all_carried(problem: Problem, base: Fit) -> Problem | None:
     loads = of_switches(problem, state, base, ("payload",))
     library = make_library(problem, state, [term for term in loads if np.min(term.parameters["time"]) > 0])
     for ranked in rank(library, stand(base))[:1]:
-        load, error = _timed(problem, state, improve(problem, state, stand(base), (ranked.term,)))
+        rough = improve(problem, state, stand(base), (ranked.term,))
+        if not _may_be_all(problem, base, rough):
+            return None
+        load, error = _timed(problem, state, rough)
         freed = without_touches(problem, load, error)
         start = fits.base(freed)
         least = enough(freed, start)
@@ -48,6 +51,20 @@ def all_carried(problem: Problem, base: Fit) -> Problem | None:
             unseen = Judge(freed)(fit_terms(freed, state, stand(start), one.terms).fit, start.error)
             return freed if gap_of(freed, start._replace(error=unseen.error)) <= least else None
     return None
+
+
+def _may_be_all(problem: Problem, base: Fit, rough: Solved) -> bool:
+    """Whether a load takes a good share of the gap away from the times at which it is handed over, which may be off."""
+    near = _away(problem, rough.terms[0]) < 2 * thresholds.HANDOVER
+    elsewhere = problem._replace(samples=np.where(near[:, None], 0, problem.samples))
+    left = gap_of(elsewhere, base._replace(error=rough.error))
+    return left <= max(thresholds.USEFUL_SHARE * gap_of(elsewhere, base), enough(problem, base))
+
+
+def _away(problem: Problem, load: Term) -> np.ndarray:
+    """(U,) s from every bin to the nearest time of a load."""
+    away: np.ndarray = np.abs(problem.t[:, None] - np.ravel(load.parameters["time"])).min(1)
+    return away
 
 
 def _timed(problem: Problem, state: State, found: Solved) -> tuple[Term, np.ndarray]:
@@ -79,6 +96,5 @@ def without_touches(problem: Problem, load: Term, error: np.ndarray) -> Problem:
         load: the term.
         error: (U, 6) innovations beside it, in standard deviations.
     """
-    away = np.abs(problem.t[:, None] - np.ravel(load.parameters["time"])).min(1)
-    touched = (away < thresholds.HANDOVER)[:, None] & (np.abs(error) > thresholds.TOUCHED)
+    touched = (_away(problem, load) < thresholds.HANDOVER)[:, None] & (np.abs(error) > thresholds.TOUCHED)
     return problem.louder(np.where(touched, error**2 * problem.variance, 0.0))
