@@ -34,7 +34,7 @@ def all_motions(setup, home, span, seed, only=()):
     limits, _ = limits_of(setup, home, MARGIN)
     numbers = ((asked.base, asked.scale, asked.at),)
     params = params_from_setup(setup)
-    task, _ = plan.make_task(setup, params, limits, home, numbers, asked.scale, DURATION, RATE)
+    task, _ = plan.make_task(setup, params, limits, home, numbers, DURATION, RATE)
     task = task._replace(noise=plan.noise_of(setup, made.motion.q, made.motion.dq, RATE, task.points.t))
     found = {"planned": made.coefficients}
     count = (made.coefficients.shape[1] - 1) // 2

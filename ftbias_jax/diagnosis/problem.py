@@ -108,6 +108,10 @@ class Problem(NamedTuple):
         begins = (np.diff(self.log) != 0) | (np.diff(piece) != 0)
         return np.concatenate([[0], np.cumsum(begins)])
 
+    def without(self, bins: np.ndarray) -> Problem:
+        """The same without the samples of some bins (U,) bool."""
+        return self._replace(samples=np.where(bins[:, None], 0, self.samples))
+
     def louder(self, added: np.ndarray) -> Problem:
         """The same with more variance (U, 6) N^2, Nm^2 of the bins' means."""
         pieces = np.split(added, np.cumsum([part.used for part in self.parts])[:-1])

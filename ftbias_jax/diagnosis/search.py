@@ -108,7 +108,7 @@ class Search(NamedTuple):
     def threshold(self, accepted: Fit) -> Threshold:
         """What one more cause must do."""
         touched = _touched(self.problem, accepted)
-        elsewhere = self.problem._replace(samples=np.where(touched[:, None], 0, self.problem.samples))
+        elsewhere = self.problem.without(touched)
         least = max(LEAST_SIGMAS**2, least_beside_joints(self.problem))
         if not self._causes(accepted):
             return Threshold(elsewhere, least)

@@ -191,12 +191,12 @@ def inertia_std(asked: Sequence[Asked], model: Model, catalogue: Catalogue) -> n
 def columns(signals: Signals, known: Values, numbers: Any, names: tuple[str, ...], catalogue: Catalogue) -> Array:
     """(C, U, 6): of one name the derivatives of the reading; of two, for each, what tells it from the other.
 
-    Central differences stand for derivatives in float64: the search goes through them backwards, and its program is
-    compiled in half of the time.
-
     The latter are, name by name, what the reading with the effect departs by from that with the other one at the values
     at which it comes nearest, and the derivatives by these; last what the tool's inertia (6,) can do, per standard
     deviation.
+
+    Central differences stand for derivatives in float64: the search goes through them backwards, and its program is
+    compiled in half of the time.
 
     Args:
         signals: the motion and the model.

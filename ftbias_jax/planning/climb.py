@@ -76,9 +76,12 @@ class Task(NamedTuple):
     numbers: tuple[Any, ...]
     """Of each name that is asked for, all its numbers, and the typical departures and values (P,) of those asked for;
     of two names also the values nearest to the other, and ``asked.inertia_std``."""
-    scale: Float[Array, " P"]
-    """(P,) typical departures of the last name's."""
     noise: Noise
+
+    @property
+    def scale(self) -> Float[Array, " P"]:
+        """(P,) typical departures of the last name's."""
+        return self.numbers[min(len(self.numbers) - 1, 1)][1]
 
 
 def signals_of(task: Task, moved: Float[Array, "4 U n"]) -> Signals:

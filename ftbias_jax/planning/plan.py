@@ -95,7 +95,7 @@ def plan(
     numbers: tuple[Any, ...] = tuple((one.base, one.scale, one.at) for one in asked)
     if len(asked) == 2:
         numbers = (*((*of_name, of_name[-1]) for of_name in numbers), inertia_std(asked, model, catalogue))
-    task, typical = make_task(setup, params, limits, first, numbers, asked[-1].scale, duration, rate)
+    task, typical = make_task(setup, params, limits, first, numbers, duration, rate)
     check_start(limits, first, setup.robot.joint_names, excess_at_rest(task, catalogue))
     if len(asked) == 2:
         task = with_nearest(task, typical, names, catalogue)
@@ -167,7 +167,6 @@ def make_task(
     limits: Limits,
     start: np.ndarray,
     numbers: tuple[Any, ...],
-    scale: np.ndarray,
     duration: float,
     rate: float,
 ) -> tuple[Task, np.ndarray]:
@@ -181,7 +180,6 @@ def make_task(
         limits: of the plan.
         start: (n,) rad, the first pose.
         numbers: of what the motion shall tell, as in ``Task``.
-        scale: typical departures of the last name's.
         duration: s.
         rate: Hz, of the log.
     """
@@ -198,7 +196,6 @@ def make_task(
         model=Model(params.arm, params.gravity, params.theta),
         known=params.effects or {},
         numbers=numbers,
-        scale=scale,
         noise=noise_of(setup, moving.q, moving.dq, rate, points.t),
     )
     return task, typical

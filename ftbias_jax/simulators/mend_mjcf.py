@@ -14,7 +14,16 @@ from ftbias_jax.setup.bodies import RigidBody, joined
 from ftbias_jax.setup.mjcf import Mjcf, distal_body, mjcf_robot
 from ftbias_jax.setup.rotations import quaternions_of
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.simulators.mend_springs import FROM_GEOMS, axes_of, in_body, mend_drag, on_springs, rigid_bodies
+from ftbias_jax.simulators.mend_springs import (
+    FROM_GEOMS,
+    FULL,
+    axes_of,
+    in_body,
+    in_world,
+    mend_drag,
+    on_springs,
+    rigid_bodies,
+)
 from ftbias_jax.simulators.mended import (
     OF_THE_ROBOT,
     SAME,
@@ -102,7 +111,7 @@ def _write_inertial(scene: Mjcf, document: Document, element: int, body: int, in
     old = RigidBody(
         float(model.body_mass[body]), model.body_ipos[body], axes @ np.diag(model.body_inertia[body]) @ axes.T
     )
-    values = {"pos": numbers(new.center), "mass": numbers([new.mass]), "fullinertia": numbers(new.inertia[_FULL])}
+    values = {"pos": numbers(new.center), "mass": numbers([new.mass]), "fullinertia": numbers(new.inertia[FULL])}
     there = document.children(element, "inertial")
     if not there:
         words = " ".join(f'{name}="{value}"' for name, value in values.items())
@@ -116,10 +125,6 @@ def _write_inertial(scene: Mjcf, document: Document, element: int, body: int, in
         for name in (*ORIENTATIONS, "diaginertia"):
             document.set(there[0], name, None)
         document.set(there[0], "fullinertia", values["fullinertia"])
-
-
-_FULL = (np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2]))
-"""Rows and columns of MuJoCo's fullinertia: xx yy zz xy xz yz."""
 
 
 def _mend_site(texts: Texts, physics: Physics) -> str:
@@ -187,10 +192,9 @@ def _mend_cable(texts: Texts, physics: Physics) -> str:
         return "the bodies at its ends are not in the files"
     data = scene.in_reference_pose()
 
-    to_world, site = data.xmat[scene.base].reshape(3, 3), data.site_xmat[scene.site].reshape(3, 3)
-    at_sensor = physics.sensor_position + physics.sensor_believed @ cable["attachment"]
+    to_world = data.xmat[scene.base].reshape(3, 3)
     ends = {
-        "ftbias_cable_near": (*near, scene.body, data.site_xpos[scene.site] + site @ at_sensor),
+        "ftbias_cable_near": (*near, scene.body, in_world(data, scene, physics, cable["attachment"])),
         "ftbias_cable_far": (*far, carrier, data.xpos[scene.base] + to_world @ cable["anchor"]),
     }
     for name, (document, element, body, point) in ends.items():

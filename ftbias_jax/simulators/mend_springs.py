@@ -21,6 +21,8 @@ LEAST_SHARE, MOST_SHARE = 1e-3, 0.95
 """Of the tool: less does not move, and something must be left that does not."""
 FAR = 1e3
 """m to the far end of a damper: its direction then changes by a thousandth for each metre that the arm moves."""
+FULL = (np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2]))
+"""Rows and columns of MuJoCo's fullinertia: xx yy zz xy xz yz."""
 JOINT = 'armature="0" frictionloss="0" limited="false" ref="0" springref="0"'
 """What the file's own defaults may not say of a joint."""
 
@@ -91,7 +93,7 @@ def _swinging(scene: Mjcf, physics: Physics, part: RigidBody, share: float, join
     axes = axes_of(scene.model.site_quat[scene.site])
     at = numbers(scene.model.site_pos[scene.site] + axes @ physics.sensor_position)
     quat = numbers(quaternions_of((axes @ physics.sensor_believed)[None])[0])
-    inertia = numbers(share * part.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    inertia = numbers(share * part.inertia[FULL])
     inertial = f'<inertial pos="{numbers(part.center)}" mass="{numbers([part.mass])}" fullinertia="{inertia}"/>'
     lines = "".join(f"\n  {line}" for line in (*joints, inertial))
     return f'<body name="ftbias_on_springs" pos="{at}" quat="{quat}">{lines}\n</body>'
@@ -119,8 +121,7 @@ def mend_drag(texts: Texts, physics: Physics, drags: Sequence[Mapping[str, Any]]
     data = scene.in_reference_pose()
     lines = list[str]()
     for i, drag in enumerate(drags, 1):
-        at_sensor = physics.sensor_position + physics.sensor_believed @ np.asarray(drag["point"], float)
-        point = data.site_xpos[scene.site] + data.site_xmat[scene.site].reshape(3, 3) @ at_sensor
+        point = in_world(data, scene, physics, np.asarray(drag["point"], float))
         near = f"ftbias_drag_{i}"
         tool[0].insert(tool[1], f'<site name="{near}" pos="{in_body(data, scene.body, point)}" group="4"/>')
         damping = numbers(np.ravel(drag["coefficients"]))
@@ -134,6 +135,13 @@ def mend_drag(texts: Texts, physics: Physics, drags: Sequence[Mapping[str, Any]]
         drawn = f'center="{numbers(stat.center)}" extent="{numbers([stat.extent])}"'
         texts.documents[0].insert(0, f"<statistic {drawn}/>")
     return ""
+
+
+def in_world(data: Any, scene: Mjcf, physics: Physics, point: Array) -> Array:
+    """A point (3,) m of the believed sensor's frame, in the world."""
+    at_site = physics.sensor_position + physics.sensor_believed @ point
+    position: Array = data.site_xpos[scene.site] + data.site_xmat[scene.site].reshape(3, 3) @ at_site
+    return position
 
 
 def in_body(data: Any, body: int, world: Array) -> str:

@@ -87,7 +87,7 @@ def test_it_tells_more_than_random_motions_within_the_same_limits(setup, made):
     params, start = params_from_setup(setup), made.motion.q[0]
     limits, _ = plan.limits_of(setup, start, MARGIN)
     (asked,), scale = made.asked, made.asked[0].scale
-    task, _ = plan.make_task(setup, params, limits, start, ((asked.base, scale, asked.at),), scale, DURATION, RATE)
+    task, _ = plan.make_task(setup, params, limits, start, ((asked.base, asked.scale, asked.at),), DURATION, RATE)
     count = (task.points.basis.shape[2] - 1) // 2
     errors = []
     for free in random_shapes(5, 20, 7, count):
@@ -137,7 +137,7 @@ def test_two_effects_are_compared_where_they_come_nearest_to_one_another(setup):
         made = ft.plan(setup, "time_delay:low_pass", duration=DURATION, rate=RATE, values=values)
         limits, _ = plan.limits_of(setup, made.motion.q[0], MARGIN)
         numbers = (*((a.base, a.scale, a.at, a.at) for a in made.asked), np.zeros(6))
-        arguments = (limits, made.motion.q[0], numbers, made.asked[1].scale, DURATION, RATE)
+        arguments = (limits, made.motion.q[0], numbers, DURATION, RATE)
         task, _ = plan.make_task(setup, params_from_setup(setup), *arguments)
         found = climb.with_nearest(task, made.coefficients, ("time_delay", "low_pass"), ft.CATALOGUE)
     (*_, delay), (*_, cutoff), _ = found.numbers

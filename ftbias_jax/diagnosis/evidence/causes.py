@@ -168,13 +168,14 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
     gain = accepted.log_likelihood - without.log_likelihood
     left = max(-accepted.log_likelihood - (problem.samples > 0).sum() / 2, 0.0)
     declared = {twin.effect for twin in problem.catalogue[cause.effect].twins}
+    by_form = FORM_LOSS * gain + left + nats_of_joints(problem)
     twins: dict[str, None] = {}
     hopeful = [s for s in scored if s.hypothesis.effect not in named and s.nats > HOPELESS * scored[0].nats]
     for other in hopeful[:MOST_TRIED]:
         trial = fit(problem, (*rest, other.hypothesis), accepted) if rest else other.fit
         lost, error = compared(problem, accepted.error, trial.error)
-        by_form = FORM_LOSS * gain + left + nats_of_joints(problem) if other.hypothesis.effect in declared else 0.0
-        if lost < max(ALIKE * error, LEAST_DIFFERENCE, by_form) and gain - lost > CLOSE * gain:
+        own_form = by_form if other.hypothesis.effect in declared else 0.0
+        if lost < max(ALIKE * error, LEAST_DIFFERENCE, own_form) and gain - lost > CLOSE * gain:
             twins[other.hypothesis.effect] = None
     return tuple(twins)[:MOST_TWINS]
 

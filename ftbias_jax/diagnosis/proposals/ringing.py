@@ -138,10 +138,14 @@ def sagging(problem: Problem, found: Fit) -> Hypothesis | None:
     if not isinstance(effect.fit.search, Ringing):
         return None
     place = _places(problem, effect).sagging
+    return _held(found, place, 1.0) if place in h.free else None
+
+
+def _held(found: Fit, place: int, value: float) -> Hypothesis:
+    """The last hypothesis of a fit with one coordinate that is not free any more."""
+    h = found.hypotheses[-1]
     free = tuple(i for i in h.free if i != place)
-    if free == h.free:
-        return None
-    return h._replace(free=free, start=tuple(found.z[list(free)].tolist()), fixed=(*h.fixed, (place, 1.0)))
+    return h._replace(free=free, start=tuple(found.z[list(free)].tolist()), fixed=(*h.fixed, (place, value)))
 
 
 def is_plausible(problem: Problem, accepted: Fit, found: Fit) -> bool:
@@ -160,9 +164,7 @@ def is_plausible(problem: Problem, accepted: Fit, found: Fit) -> bool:
         return False
     if found.z[damping] < NEAR_LIMIT * most[damping]:
         return True
-    rest = tuple(i for i in h.free if i != damping)
-    calm = h._replace(free=rest, start=tuple(found.z[list(rest)].tolist()), fixed=(*h.fixed, (damping, 0.0)))
-    usual = fit(problem, (*found.hypotheses[:-1], calm), found)
+    usual = fit(problem, (*found.hypotheses[:-1], _held(found, damping, 0.0)), found)
     gained, lost = found.log_likelihood - accepted.log_likelihood, found.log_likelihood - usual.log_likelihood
     return lost < (1 - EQUAL) * gained
 

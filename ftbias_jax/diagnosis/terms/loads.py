@@ -45,9 +45,8 @@ def all_carried(problem: Problem, base: Fit) -> Problem | None:
         start = fits.base(freed)
         least = enough(freed, start)
         one = improve(freed, state, stand(start), (load,))
-        if float((one.error**2).sum()) / 2 > -with_tool(freed, start).log_likelihood:
-            return None
-        if gap_of(freed, start._replace(error=one.error)) <= least:
+        closed = gap_of(freed, start._replace(error=one.error)) <= least
+        if closed and float((one.error**2).sum()) / 2 <= -with_tool(freed, start).log_likelihood:
             unseen = Judge(freed)(fit_terms(freed, state, stand(start), one.terms).fit, start.error)
             return freed if gap_of(freed, start._replace(error=unseen.error)) <= least else None
     return None
@@ -56,7 +55,7 @@ def all_carried(problem: Problem, base: Fit) -> Problem | None:
 def _may_be_all(problem: Problem, base: Fit, rough: Solved) -> bool:
     """Whether a load takes a good share of the gap away from the times at which it is handed over, which may be off."""
     near = _away(problem, rough.terms[0]) < 2 * thresholds.HANDOVER
-    elsewhere = problem._replace(samples=np.where(near[:, None], 0, problem.samples))
+    elsewhere = problem.without(near)
     left = gap_of(elsewhere, base._replace(error=rough.error))
     return left <= max(thresholds.USEFUL_SHARE * gap_of(elsewhere, base), enough(problem, base))
 
