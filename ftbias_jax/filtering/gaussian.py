@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
 from jax.scipy.linalg import cho_solve
+from jaxtyping import Float, Int
 
 from ftbias_jax.types import Gaussian
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 
 class Innovation(NamedTuple):

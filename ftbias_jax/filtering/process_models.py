@@ -10,16 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.runtime.lanes import Table
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 FORGET = 10.0
 """s: time in which the standard deviation of the bias grows e-fold while the gate lets nothing through."""

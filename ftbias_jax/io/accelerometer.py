@@ -6,12 +6,10 @@ that grows by the second; as an acceleration it moves the bias of a tool of one 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from jaxtyping import Float
 
 BLOCK = 0.2
 """s over which samples are averaged: longer than vibration, shorter than a motion."""

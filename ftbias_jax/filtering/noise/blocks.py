@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float, Int
 
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 BLOCK_SECONDS = 0.05
 """Vibration of arms and tools, 10 Hz and above, averages out in a block; what moves the bias does not."""
