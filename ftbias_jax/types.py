@@ -4,8 +4,6 @@ Everything here is a NamedTuple of arrays, so JAX treats it as a pytree: it can 
 Nothing here computes, and nothing here imports JAX.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from jaxtyping import Float

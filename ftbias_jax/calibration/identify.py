@@ -1,7 +1,5 @@
 """The tool's inertial parameters from a log, jointly with the bias: nobody need have measured the tool."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import NamedTuple
 

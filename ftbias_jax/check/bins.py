@@ -1,7 +1,5 @@
 """A log in short bins: the mean wrench of each, and the motion at that moment by parabolas through the joints."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Motion of the sensor over many bins, in NumPy: of an arm, or of a body whose pose was recorded."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

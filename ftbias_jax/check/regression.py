@@ -1,7 +1,5 @@
 """How well a tool near the stated one explains the wrench, with bias and drift free, on blocks that were held out."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Kalman filter for the bias of the sensor and its drift, from the wrench that the known tool must cause."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import jax

@@ -1,7 +1,5 @@
 """One Kalman step on plain arrays: predict and update. Missing measurements are NaN; shapes stay static."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax.numpy as jnp

@@ -4,8 +4,6 @@ For fixed noise this is the exact maximum of the likelihood: the bias filter is 
 model and its derivatives into white series alike (likelihood.whiten).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple

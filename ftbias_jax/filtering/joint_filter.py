@@ -1,7 +1,5 @@
 """Kalman filter for position, velocity and acceleration of every joint; the joints are independent and vectorised."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 from jax import Array

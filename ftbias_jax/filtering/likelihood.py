@@ -3,8 +3,6 @@
 The likelihood is differentiable in every parameter, and its gradient costs one more pass (scan.py).
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any, NamedTuple
 

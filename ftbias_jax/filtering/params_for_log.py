@@ -1,7 +1,5 @@
 """The parameters that a log is filtered with: what the setup states, and what it leaves open by the log itself."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -6,8 +6,6 @@ Each model is written once, as nested rows of entries: the textbook filter stack
 (scan.py) keep the entries apart.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The result of filtering a log."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 

@@ -1,7 +1,5 @@
 """Joints and bias given the whole log, past and future: Rauch-Tung-Striebel over tracks of the filters."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import jax

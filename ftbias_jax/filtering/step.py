@@ -5,8 +5,6 @@ faster route, ``pipeline.run`` first, is tested equal to it. Arrays decide the p
 float64 needs JAX's x64 mode.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

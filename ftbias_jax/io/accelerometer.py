@@ -4,8 +4,6 @@ A MEMS accelerometer is off by some hundredths of gravity, and differently in ea
 that grows by the second; as an acceleration it moves the bias of a tool of one kilogram by tenths of a newton.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

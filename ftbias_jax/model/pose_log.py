@@ -1,7 +1,5 @@
 """Simulated logs of a sensor whose pose is recorded: how it tumbles, and what is recorded of that."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import jax

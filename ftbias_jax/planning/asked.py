@@ -3,8 +3,6 @@
 No effect is known here by name: an entry of the catalogue says which of its numbers can be fitted, and their size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """The limits once more, on the motion as it will run: at 1 kHz, and exactly."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import jax.numpy as jnp

@@ -1,7 +1,5 @@
 """The best motion: gradient steps on what a plan is asked for, within the limits, from several random starts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial

@@ -1,7 +1,5 @@
 """What a motion will tell, what the logs at hand tell already, and what nothing does."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

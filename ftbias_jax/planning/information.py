@@ -5,8 +5,6 @@ few smooth shapes, and Woodbury's identity takes it out of the information exact
 the noise. Unlike the filter's recursion this is a few products of matrices, whose derivative is cheap.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax

@@ -3,8 +3,6 @@
 Nothing here knows the robot's own body or what stands around it.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax.numpy as jnp

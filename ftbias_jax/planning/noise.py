@@ -1,7 +1,5 @@
 """The noise that the filter would believe of a log of the planned motion."""
 
-from __future__ import annotations
-
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float

@@ -3,8 +3,6 @@
 Positions, velocities, accelerations and jerks are linear in the coefficients, and exact at any time.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax.numpy as jnp

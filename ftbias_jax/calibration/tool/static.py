@@ -9,8 +9,6 @@ of the mass then differs by more than their errors, and all errors are enlarged 
 (DerSimonian and Laird 1986).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Everything is worked out for all samples at once, and XLA leaves out what nobody
 alone does not pay for the covariances.
 """
 
-from __future__ import annotations
-
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float

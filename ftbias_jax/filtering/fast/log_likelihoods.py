@@ -4,8 +4,6 @@ The reverse pass starts from those states: it works out every chunk again, with 
 chunk is in the processor's cache. So the memory it takes is that of one chunk, whatever the length of the log.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import jax

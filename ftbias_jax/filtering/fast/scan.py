@@ -6,8 +6,6 @@ it is the Bryson-Frazier smoother (Bierman 1973): with L the log-likelihood of t
 x_smooth = x_pred + P_pred dL/dx_pred. So gradients cost about as much as the filter, and smoothing is the same pass.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple

@@ -6,8 +6,6 @@ kinematics have no memory, so effects that need the whole log act between the st
 chunks of time.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import NamedTuple
 

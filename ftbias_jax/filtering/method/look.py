@@ -1,7 +1,5 @@
 """What a log shows of its noise, without filtering it: for tuning and for diagnosis, which work on its blocks."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax

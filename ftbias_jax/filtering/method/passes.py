@@ -1,7 +1,5 @@
 """The passes over noise and bias of a log whose joints are known: each takes a log as far as it is known, and adds."""
 
-from __future__ import annotations
-
 import jax.numpy as jnp
 from jaxtyping import Float
 

@@ -1,7 +1,5 @@
 """A log as far as the passes of the method know it, and what the method gives of it: its states and its infos."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from jaxtyping import Bool, Float

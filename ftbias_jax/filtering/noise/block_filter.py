@@ -1,7 +1,5 @@
 """The Kalman filter of bias, drift and slow error on the means of blocks, for many sets of noise at once."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import jax

@@ -1,7 +1,5 @@
 """A log in blocks of a few hundredths of a second: what is slow in their means, what is fast in their scatter."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax

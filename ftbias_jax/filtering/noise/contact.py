@@ -5,8 +5,6 @@ follows the measured bias while nothing touches, and is held while something doe
 jumped, and is let through.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The noise of one log, where the setup leaves it open: contact, vibration, slow errors, and what is left."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax

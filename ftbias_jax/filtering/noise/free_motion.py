@@ -6,8 +6,6 @@ seconds of recorded logs, where pushed ones have 6 % and more. A push that stays
 looks like a bias, and nothing can tell it from one.
 """
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float

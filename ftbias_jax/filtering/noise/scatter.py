@@ -5,8 +5,6 @@ is a least-squares fit with the weights dof / mu^2 (McCullagh and Nelder 1989, s
 cut at HEAVY mu.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax

@@ -5,8 +5,6 @@ bias to a hundredth of what it does. How large they are and how long they last i
 blocks: fast noise averages out there, and a log is a few hundred numbers.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import jax

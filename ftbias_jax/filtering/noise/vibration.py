@@ -1,7 +1,5 @@
 """Noise of single samples, at rest and in motion, from the scatter within blocks."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax

@@ -4,8 +4,6 @@ A loop over the joints of such arrays is a few vectorised operations, where ``vm
 Everything is in the base frame.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import jax

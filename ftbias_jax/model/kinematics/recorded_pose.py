@@ -9,8 +9,6 @@ it has length one, there is no singular orientation, and rates are linear in the
 with * the conjugate, w the angular velocity and w' the angular acceleration, both in base coordinates.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ rotation Rz(a) Rx(b) Rz(c); its turns about z add to the angles of the two joint
 half the arithmetic of a product of exponentials (arm_batch.py), and equal to it to round-off.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax

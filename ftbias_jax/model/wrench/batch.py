@@ -7,8 +7,6 @@ In a piece, vectors are lists of entries, each an array over samples (C,), as in
 its ten numbers. The equations are those of ``pipeline.predict_wrench`` and ``tool_wrench.joint_sensitivity``.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import NamedTuple
 

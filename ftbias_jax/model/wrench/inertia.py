@@ -5,8 +5,6 @@ second moment S = tr(I)/2 - I about the same origin. J = U U^T with U upper tria
 unbounded numbers one to one onto such bodies (Rucker and Wensing 2022).
 """
 
-from __future__ import annotations
-
 import jax.numpy as jnp
 import numpy as np
 from jax import Array

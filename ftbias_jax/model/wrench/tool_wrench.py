@@ -6,8 +6,6 @@ corrected wrench is reading + b (errata 9).
 theta = (m, m c, Ixx, Ixy, Ixz, Iyy, Iyz, Izz): mass, first moment, inertia about the sensor origin, sensor axes.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax.numpy as jnp
