@@ -1,7 +1,5 @@
 """Files as the operating system has them: what a path names, and temporary files that must not outlive the process."""
 
-from __future__ import annotations
-
 import os
 import secrets
 import shutil

@@ -4,12 +4,9 @@ Everything here is a NamedTuple of arrays, so JAX treats it as a pytree: it can 
 Nothing here computes, and nothing here imports JAX.
 """
 
-from __future__ import annotations
+from typing import Any, NamedTuple
 
-from typing import TYPE_CHECKING, Any, NamedTuple
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from jaxtyping import Float
 
 Array = Any
 """A numpy or a JAX array: bundles hold either. What computes says ``jax.Array``, and annotations state shapes."""

@@ -3,8 +3,6 @@
 It is JAX's own runtime: on CPUs the processes talk by gloo, on GPUs by NCCL; one process a device is intended.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from typing import Any
 

@@ -1,13 +1,12 @@
 """The tool's inertial parameters from a log, jointly with the bias: nobody need have measured the tool."""
 
-from __future__ import annotations
-
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.calibration.tool import physical, shown
 from ftbias_jax.calibration.tool.physical import FIXED, NAMES, PRIOR_STD
@@ -21,10 +20,6 @@ from ftbias_jax.model.kinematics.screws import rotation_from_vector
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.rotations import vector_from_rotation
 from ftbias_jax.types import Array, Gaussian, Sample
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 MAX_ITERATIONS = 10
 MOUNTING_STD, GRAVITY_STD = 0.3, 0.1

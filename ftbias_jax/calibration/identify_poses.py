@@ -1,7 +1,5 @@
 """The tool's mass and centre of mass from static poses, the standard calibration of a force-torque sensor."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax

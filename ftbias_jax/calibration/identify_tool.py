@@ -1,7 +1,5 @@
 """The verb ``identify_tool``: a setup with the tool, and if asked the mounting and gravity, that a log shows."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -6,8 +6,6 @@ ahead no worse than the setup did, on the part of each log that was not fitted. 
 than it varies along the logs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@ which cost little more than one of them. The data come in equal parts that are w
 that memory is bounded by a part; the first parts alone lead most of the way.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor

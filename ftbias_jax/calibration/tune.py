@@ -6,8 +6,6 @@ the past only, the lag of the joint filter stays in the wrench, moves slowly, an
 up to 58 % too large (experiments/tuning). Parameters are logarithms: they need no bounds.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

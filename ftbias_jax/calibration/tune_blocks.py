@@ -5,8 +5,6 @@ parameters to its needs. In means over blocks fast noise has averaged out: what 
 move as slowly, and they share one small likelihood.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple

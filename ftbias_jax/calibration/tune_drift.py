@@ -5,8 +5,6 @@ is likely, and carries the bias away from where it will be: it must also predict
 bias, drift and slow error, as the results of a filter do (``quality.ahead``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ maximum of the likelihood that no slope leaves. So the sensor's noise is first t
 the drift from the best of several levels, each with the slow errors that the logs show beside it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 
 import jax.numpy as jnp

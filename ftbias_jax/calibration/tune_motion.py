@@ -4,8 +4,6 @@ The scatter within short blocks shows which joints and axes matter, and about ho
 there the likelihood of the wrench given the joints is climbed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 

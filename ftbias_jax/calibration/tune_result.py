@@ -1,7 +1,5 @@
 """What ``tune`` gives: a setup with tuned noise, how well each number is known, and its scores."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

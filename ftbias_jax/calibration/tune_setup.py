@@ -1,7 +1,5 @@
 """The verb ``tune``: a setup with the likeliest noise of logs, judged on what it has not seen."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace

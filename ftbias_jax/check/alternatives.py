@@ -1,7 +1,5 @@
 """The mistakes that people make in a setup, each as what would be true instead."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product

@@ -1,20 +1,16 @@
 """A log in short bins: the mean wrench of each, and the motion at that moment by parabolas through the joints."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.pose import product
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 WIDTH = 0.1
 """s: wide enough for accelerations, narrow enough that a robot's acceleration hardly changes within."""

@@ -1,7 +1,5 @@
 """The verb ``check_setup``: mistakes of content in a setup, recognised from logs before anything is computed."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Executor

@@ -1,7 +1,5 @@
 """What contact feigns, told from mistakes: by the part of a log that is untouched, and by the levels around a step."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

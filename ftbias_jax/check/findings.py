@@ -1,7 +1,5 @@
 """Findings: alternatives that are named, and what is none: an absent weight, an offset, clocks that differ."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Which alternative is named: one that explains what neither the setup nor a small effect nor another tool does."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,18 +1,13 @@
 """Motion of the sensor over many bins, in NumPy: of an arm, or of a body whose pose was recorded."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.setup.rotations import skew
 from ftbias_jax.setup.types import RobotSetup, SensorSetup
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 INERTIA = np.zeros((3, 3, 6))
 """Entry (i, j) of I is this times Ixx Ixy Ixz Iyy Iyz Izz."""

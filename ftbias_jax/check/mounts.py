@@ -1,7 +1,5 @@
 """Sensors that are mounted otherwise than stated."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import permutations, product
 from typing import Any

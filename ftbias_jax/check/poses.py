@@ -1,7 +1,5 @@
 """Conventions of a recorded pose that are easily mistaken: the quaternion, the axes of the position, an IMU's units."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product

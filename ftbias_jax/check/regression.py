@@ -1,16 +1,12 @@
 """How well a tool near the stated one explains the wrench, with bias and drift free, on blocks that were held out."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from ftbias_jax.setup.types import ToolSetup
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float
 
 KNOT = 40.0
 """s between the knots of the drift that is left free."""

@@ -4,8 +4,6 @@ Each mistake is imagined: what would the sensor read if the tool is as stated an
 explains that reading as well, or if it drowns in what is unexplained anyway, nothing of the mistake would be named.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

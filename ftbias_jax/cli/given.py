@@ -1,7 +1,5 @@
 """What a command is given: its setup, its logs, and the files that it may write."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any

@@ -3,8 +3,6 @@
 Exit codes: 0 ok, 1 failed, 2 usage, 3 finished with data loss.
 """
 
-from __future__ import annotations
-
 import argparse
 import difflib
 import importlib

@@ -4,8 +4,6 @@ The end of every log is kept apart. Causes are looked for, and the tool is ident
 stays if the setup with it predicts the readings of the end better, 1 s and 10 s ahead, than the setup without.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A draft of a setup that a check of its own log has seen: what the controller did to the reading is stated in it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

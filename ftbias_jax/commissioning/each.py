@@ -1,7 +1,5 @@
 """The verbs of many logs, each by itself: diagnosed, or asked for its tool."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Mapping
 from concurrent.futures import Executor

@@ -3,8 +3,6 @@
 What a diagnosis found may not be written into a setup if that filters the same logs worse.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 

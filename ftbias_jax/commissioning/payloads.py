@@ -1,7 +1,5 @@
 """The verb ``identify_payloads``: when a tool carries a part, how heavy it is, and where."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

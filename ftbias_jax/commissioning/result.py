@@ -1,7 +1,5 @@
 """What a calibration gives back: the setup, what was tried and why it stayed or not, and errors before and after."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 The catalogue is imported where it is needed: it brings JAX, which pages of saved results do without.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Whether effects of one's own can be simulated, filtered and looked for: each fault in a sentence."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from typing import Any

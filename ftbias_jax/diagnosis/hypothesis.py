@@ -1,7 +1,5 @@
 """What an effect could be on a log: one starting point of its fit, or series that are linear in their coefficients."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from typing import NamedTuple, TypeAlias, TypeVar
 

@@ -5,8 +5,6 @@ share of what it is in the latest ones, and the shares tell when it began, wheth
 vary from log to log beside their errors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Sequence
 from functools import partial
 

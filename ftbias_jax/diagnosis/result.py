@@ -1,7 +1,5 @@
 """What a diagnosis says, as plain bundles; report and command line read only this."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from types import MappingProxyType

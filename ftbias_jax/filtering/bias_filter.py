@@ -1,21 +1,17 @@
 """Kalman filter for the bias of the sensor and its drift, from the wrench that the known tool must cause."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.filtering import gaussian
 from ftbias_jax.filtering.gaussian import Innovation
 from ftbias_jax.filtering.process_models import FORGET, BiasStrength, bias_noise
 from ftbias_jax.model.params import BiasNoise, Params
 from ftbias_jax.types import Gaussian
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 def init(noise: BiasNoise) -> Gaussian:

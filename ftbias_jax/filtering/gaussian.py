@@ -1,17 +1,13 @@
 """One Kalman step on plain arrays: predict and update. Missing measurements are NaN; shapes stay static."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
 from jax.scipy.linalg import cho_solve
+from jaxtyping import Float, Int
 
 from ftbias_jax.types import Gaussian
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 
 class Innovation(NamedTuple):

@@ -4,21 +4,17 @@ For fixed noise this is the exact maximum of the likelihood: the bias filter is 
 model and its derivatives into white series alike (likelihood.whiten).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.filtering.likelihood import WrenchProblem, whiten
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 Predict = Callable[..., Array]
 """(P,) parameters, and whatever else is given -> (T, 6) wrench the sensor should read without bias and noise."""

@@ -1,21 +1,15 @@
 """Kalman filter for position, velocity and acceleration of every joint; the joints are independent and vectorised."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.filtering import gaussian
 from ftbias_jax.filtering.gaussian import Innovation
 from ftbias_jax.filtering.process_models import JOINT_MODELS, matrix
 from ftbias_jax.model.params import JointNoise
 from ftbias_jax.types import Gaussian
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 def init(noise: JointNoise, q: Float[Array, " n"]) -> Gaussian:

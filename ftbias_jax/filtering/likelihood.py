@@ -3,14 +3,13 @@
 The likelihood is differentiable in every parameter, and its gradient costs one more pass (scan.py).
 """
 
-from __future__ import annotations
-
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import bias_filter, pipeline
@@ -25,9 +24,6 @@ from ftbias_jax.model.wrench.tool_wrench import unbias
 from ftbias_jax.runtime.compiled_loops import on_cpu
 from ftbias_jax.runtime.pieces import over_pieces
 from ftbias_jax.types import Gaussian, Sample
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 JAX_SAYS = ("can't apply forward-mode", "Linearization failed")
 """Of a derivative that a function with a reverse pass of its own does not have; or nothing, of a second one."""

@@ -1,12 +1,9 @@
 """The parameters that a log is filtered with: what the setup states, and what it leaves open by the log itself."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.filtering.fast.scan import Inputs
 from ftbias_jax.filtering.joint_filter import first_measured, init
@@ -21,9 +18,6 @@ from ftbias_jax.model.params import JointNoise, Params, params_from_setup
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array, Sample
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 LAG_GUARD = 8.0
 """To filter, the joints' process noise is taken this much above what the setup states or the log makes likeliest. The

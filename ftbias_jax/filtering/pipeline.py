@@ -4,8 +4,6 @@
 tested equal to the definition.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -6,20 +6,15 @@ Each model is written once, as nested rows of entries: the textbook filter stack
 (scan.py) keep the entries apart.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.runtime.lanes import Table
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 FORGET = 10.0
 """s: time in which the standard deviation of the bias grows e-fold while the gate lets nothing through."""

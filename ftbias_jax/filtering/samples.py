@@ -1,7 +1,5 @@
 """A log as the filters' input, and padding that makes logs of equal length."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

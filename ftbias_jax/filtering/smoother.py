@@ -1,13 +1,11 @@
 """Joints and bias given the whole log, past and future: Rauch-Tung-Striebel over tracks of the filters."""
 
-from __future__ import annotations
-
 from functools import partial
-from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.filtering.fast.rts import smooth_track
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, filter_scan
@@ -16,9 +14,6 @@ from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, State
 from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_model
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Gaussian, Sample
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 @jax.jit

@@ -5,14 +5,13 @@ faster route, ``pipeline.run`` first, is tested equal to it. Arrays decide the p
 float64 needs JAX's x64 mode.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.filtering import bias_filter, joint_filter
 from ftbias_jax.filtering.gaussian import Innovation
@@ -27,9 +26,6 @@ from ftbias_jax.model.wrench.tool_wrench import (
 )
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Gaussian, Sample
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 JOINT_UNCERTAINTIES = ("none", "diagonal")
 

@@ -5,8 +5,6 @@ table and shown as a date without further checks. A check raises ValueError, Typ
 OverflowError on a line that the program does not write.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """Which logs arguments name, where the result of each goes, and what machines share them."""
 
-from __future__ import annotations
-
 import glob
 import os
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """What the manifests of folders say together: one record a log, by robot and sensor, in the order of time."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple

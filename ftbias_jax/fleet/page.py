@@ -1,7 +1,5 @@
 """A fleet as one HTML page that needs nothing else: no network, no scripts, no fonts."""
 
-from __future__ import annotations
-
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence

@@ -9,8 +9,6 @@ one. An object is named by the byte at which it starts. If it reaches beyond the
 killed before it could remove that.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence

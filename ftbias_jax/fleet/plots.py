@@ -1,7 +1,5 @@
 """The plots of a fleet's page as SVG: quantities and causes against the date."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from datetime import UTC, datetime
 

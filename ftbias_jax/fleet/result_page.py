@@ -1,7 +1,5 @@
 """One filtered log as an HTML page: the bias with its error, what the corrected wrench leaves, and where it is from."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """The table beside a manifest, for pandas, Polars or DuckDB: a row a log, a column a number."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import json

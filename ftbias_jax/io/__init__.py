@@ -1,7 +1,5 @@
 """Recorded logs: one module a format, one check for all, one merged timeline out."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping
 

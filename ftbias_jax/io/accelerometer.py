@@ -4,14 +4,10 @@ A MEMS accelerometer is off by some hundredths of gravity, and differently in ea
 that grows by the second; as an acceleration it moves the bias of a tool of one kilogram by tenths of a newton.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from jaxtyping import Float
 
 BLOCK = 0.2
 """s over which samples are averaged: longer than vibration, shorter than a motion."""

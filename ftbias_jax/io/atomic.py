@@ -1,7 +1,5 @@
 """Files that are there whole or not at all, and the folders for them."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping

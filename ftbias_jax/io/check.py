@@ -3,8 +3,6 @@
 Streams with stamps of their own come on one merged timeline, without interpolation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

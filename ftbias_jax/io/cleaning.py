@@ -3,8 +3,6 @@
 A log may come in parts, and is then cleaned as if it were whole.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple

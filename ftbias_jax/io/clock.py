@@ -1,7 +1,5 @@
 """Stamps of recorded streams: which clock to trust, and order where it is a little wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 Of a table or a file of arrays that no setup describes, it says which keys would state its streams.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 class Repair(NamedTuple):

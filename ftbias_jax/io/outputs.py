@@ -1,7 +1,5 @@
 """Where results may be written: never over an input, over one another, or over what this program did not write."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Mapping
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Logs in parts, so that long ones need not fit in memory, and what must be known of all before the first part."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path

@@ -3,8 +3,6 @@
 Quaternions without jumps of sign, positions, rates by an IMU; wrenches that are recorded in the axes of the base.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -7,8 +7,6 @@ too, and at rest all of them may. What holding alone does is that all axes repea
 than single axes explain, within any short stretch of the log.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

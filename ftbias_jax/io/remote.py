@@ -7,8 +7,6 @@ setup is a file that people pass on, and a server's listing is written by whoeve
 inside the log's own folder, unless the user says otherwise, and never becomes the path of a file that is written.
 """
 
-from __future__ import annotations
-
 import atexit
 import hashlib
 import os

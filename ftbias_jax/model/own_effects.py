@@ -4,8 +4,6 @@ Loading runs code, so it happens only where the caller asks for it; no setup and
 log can show effects at all is told here, too: some are of the joints of an arm.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import keyword
 import os

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.errors import SetupError
 from ftbias_jax.model.effects.catalogue import Catalogue, values_from_setup, values_of
@@ -21,9 +22,6 @@ from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.setup.require import require_tool, with_guessed_tool
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 class JointNoise(NamedTuple):

@@ -1,14 +1,12 @@
 """Simulated logs of a sensor whose pose is recorded: how it tumbles, and what is recorded of that."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.pose import STANDARD_GRAVITY, pose_entries, rotate
@@ -18,9 +16,6 @@ from ftbias_jax.model.trajectories import Trajectory
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.rotations import vector_from_rotation
 from ftbias_jax.setup.types import Setup
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 TURNS, SHIFTS = 1.2, 0.15
 """rad about three axes, m along them: excursions of a simulated motion, within what a wrist can do."""

@@ -4,8 +4,6 @@ Pure and seeded by JAX keys; ``vmap`` over keys, parameters, trajectories and ef
 ``jax.lax.map`` is twice as fast, for one log fits its cache and many do not.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax

@@ -1,7 +1,5 @@
 """The verb ``simulate``: a log as a setup's robot would record it, and what is true about it."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

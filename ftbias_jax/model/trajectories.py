@@ -1,7 +1,5 @@
 """Joint motions to simulate: sums of sines, minimum-jerk moves with dwells, and the joints of a recorded log."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import NamedTuple
 

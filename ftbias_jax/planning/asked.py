@@ -3,14 +3,13 @@
 No effect is known here by name: an entry of the catalogue says which of its numbers can be fitted, and their size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.calibration.tool.physical import NAMES, UNITS, data_sheet, tool_units
 from ftbias_jax.calibration.tool.shown import LEAST_KNOWN
@@ -21,12 +20,7 @@ from ftbias_jax.model.effects.catalogue import Catalogue, check_names, complete,
 from ftbias_jax.model.effects.fitting import INVERSE, LOGARITHM, ByJoint, Samples
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Values
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
-from ftbias_jax.types import AXES
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
-    from ftbias_jax.types import Array
+from ftbias_jax.types import AXES, Array
 
 TOOL = "tool"
 """Asks for the tool's mass, centre of mass and inertia."""

@@ -1,12 +1,10 @@
 """The limits once more, on the motion as it will run: at 1 kHz, and exactly."""
 
-from __future__ import annotations
-
 from functools import partial
-from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import Catalogue
@@ -16,11 +14,7 @@ from ftbias_jax.planning.climb import Task
 from ftbias_jax.planning.limits import Limits, excess, joint_shares
 from ftbias_jax.planning.shape import Motion, motion_at
 from ftbias_jax.runtime.kept_programs import keep_program
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
-    from ftbias_jax.types import Array
+from ftbias_jax.types import Array
 
 CHECK_RATE = 1000.0
 """Hz."""

@@ -1,16 +1,15 @@
 """The best motion: gradient steps on what a plan is asked for, within the limits, from several random starts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+from jaxtyping import Float
 
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import Catalogue
@@ -25,11 +24,7 @@ from ftbias_jax.planning.limits import Limits, excess
 from ftbias_jax.planning.shape import Grid, random_shapes, within
 from ftbias_jax.runtime.jax_config import same_precision
 from ftbias_jax.runtime.kept_programs import keep_program
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
-    from ftbias_jax.types import Array
+from ftbias_jax.types import Array
 
 STARTS, FEW_STEPS = 6, 1
 """Random motions to begin at, and calls of STEPS steps after which only the best go on."""

@@ -1,7 +1,5 @@
 """What a diagnosis found, as a plan needs it: the sizes of effects, and which two it could not distinguish."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping

@@ -1,11 +1,10 @@
 """What a motion will tell, what the logs at hand tell already, and what nothing does."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.errors import UsageError
@@ -14,11 +13,7 @@ from ftbias_jax.model.effects.types import Effect, Signals, Values
 from ftbias_jax.planning.asked import Asked, columns
 from ftbias_jax.planning.climb import separations
 from ftbias_jax.runtime.kept_programs import keep_program
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
-    from ftbias_jax.types import Array
+from ftbias_jax.types import Array
 
 MUCH = 0.3
 """Part of a mixture, a unit vector, from which on a parameter is named as a part of it."""

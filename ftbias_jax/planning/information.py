@@ -5,18 +5,14 @@ few smooth shapes, and Woodbury's identity takes it out of the information exact
 the noise. Unlike the filter's recursion this is a few products of matrices, whose derivative is cheap.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
-    from ftbias_jax.types import Array
+from ftbias_jax.types import Array
 
 SHAPES = 24
 """Of the bias beside a constant and a slope; their size falls with the fourth power of their number."""

@@ -3,21 +3,16 @@
 Nothing here knows the robot's own body or what stands around it.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.errors import UsageError
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.setup.types import LimitsSetup, Setup
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
-    from ftbias_jax.types import Array
+from ftbias_jax.types import Array
 
 REACH = 0.8
 """rad (m) from the first pose, where the travel of a joint is not known."""

@@ -1,11 +1,8 @@
 """The noise that the filter would believe of a log of the planned motion."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.filtering.params_for_log import likeliest_params
 from ftbias_jax.filtering.pipeline import options_from_setup
@@ -15,9 +12,6 @@ from ftbias_jax.planning.climb import Noise
 from ftbias_jax.planning.information import bias_shapes
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array, Sample
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 SETTLES = 500
 """Samples in which the joint filter's uncertainty has settled."""

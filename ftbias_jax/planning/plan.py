@@ -1,7 +1,5 @@
 """The verb ``plan``: a motion that tells most about what is asked, within limits, and what it will tell."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """What a plan gives back: the motion, what it will tell, and how much of the limits it uses."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -3,19 +3,14 @@
 Positions, velocities, accelerations and jerks are linear in the coefficients, and exact at any time.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.planning.limits import Limits, joint_shares
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
-    from ftbias_jax.types import Array
+from ftbias_jax.types import Array
 
 FADE = 1.5
 """s in which the series is faded in, and out again; a quarter of the duration if that is shorter."""

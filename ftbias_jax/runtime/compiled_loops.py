@@ -5,8 +5,6 @@ A call that carries XLA's mark of small calls is compiled as a whole instead, it
 does not know the mark ignores it: results are the same and take longer. Matrix products have no place in such a call.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar, cast
 

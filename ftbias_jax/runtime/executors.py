@@ -1,7 +1,5 @@
 """Tasks done by the executor of a cluster that people already run: Dask, Ray, MPI, or any of ``concurrent.futures``."""
 
-from __future__ import annotations
-
 import importlib
 import warnings
 from collections.abc import Callable, Iterable, Iterator

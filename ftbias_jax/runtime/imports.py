@@ -1,7 +1,5 @@
 """Many modules imported at once, as a command does that starts."""
 
-from __future__ import annotations
-
 import gc
 import sys
 from collections.abc import Iterator

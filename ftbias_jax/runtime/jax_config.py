@@ -1,7 +1,5 @@
 """JAX as commands and verbs want it: double precision, and programs that stay compiled between runs."""
 
-from __future__ import annotations
-
 import os
 import stat
 from collections.abc import Callable

@@ -6,8 +6,6 @@ and precision of its arguments, the sources of this package, versions and proces
 is loaded and called.
 """
 
-from __future__ import annotations
-
 import ctypes
 import hashlib
 import os

@@ -4,8 +4,6 @@ XLA turns each entry into one vectorised loop over the batch; a batch of 3 x 3 a
 An entry that is 0 or 1 whatever the batch may be that integer: it costs no operation, where XLA would multiply by it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import reduce
 from typing import cast

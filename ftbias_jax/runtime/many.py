@@ -1,7 +1,5 @@
 """Many tasks in one call, done here or by the workers of an executor: their results in order, or why there is none."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ pieces, and a piece without a sample of the log is passed over, so of a program 
 the time of 5,120.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tasks done one after the other, or by several processes that do not take each other down."""
 
-from __future__ import annotations
-
 import multiprocessing
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, wait

@@ -5,8 +5,6 @@ destructor), and unwinding while compiled code runs in other threads has crashed
 own waits for the signal, cleans up and ends the process. That also works while the main thread is in compiled code.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -4,8 +4,6 @@ Both follow from half the angle h = x / 2, reduced to r = h - k pi / 2 within 45
 polynomials of fdlibm. A half turn of h changes neither 2 sin h cos h nor 2 sin^2 h, so only the parity of k matters.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import reduce
 

@@ -1,7 +1,5 @@
 """Reading and writing setups: what the robot's owner believes, in TOML."""
 
-from __future__ import annotations
-
 import os
 import re
 import tomllib

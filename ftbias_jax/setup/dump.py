@@ -3,8 +3,6 @@
 It is a setup that is known, or one for a person to finish: what is known of it, and what to measure.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """Strict reading of single TOML fields: each value has its type, shape and range, or a SetupError that names it."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Collection, Iterable, Mapping

@@ -1,7 +1,5 @@
 """What [limits] of a setup says about planned motions."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ftbias_jax.setup.fields import Section, show

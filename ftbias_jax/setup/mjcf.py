@@ -4,8 +4,6 @@ That is the arm up to the sensor's site, as screws, and everything distal of the
 own body and what hangs on it. MuJoCo's force sensors are of the same two.
 """
 
-from __future__ import annotations
-
 import os
 from typing import Any, NamedTuple
 

@@ -6,8 +6,6 @@ R = Sigma_W + B Sigma_D B^T (report, section 3). Its 36 live variances follow fr
 (model/wrench/tool_wrench.py), or are stated one by one.
 """
 
-from __future__ import annotations
-
 import difflib
 import os
 from collections.abc import Collection, Mapping

@@ -1,7 +1,5 @@
 """What a setup says of its logs: names, units and axes, and the pose that is recorded where there are no joints."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """What a command needs of a setup, or of several, that other commands do without."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import fields, replace
 

@@ -1,7 +1,5 @@
 """Rotation matrices from roll, pitch and yaw, and back, in NumPy float64."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ftbias_jax.types import Array

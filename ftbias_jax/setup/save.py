@@ -1,7 +1,5 @@
 """Writing a setup to a file: into the text it was read from, of which only the lines of what changed are new."""
 
-from __future__ import annotations
-
 import os
 import re
 import tomllib

@@ -4,8 +4,6 @@ The reader is strict: the standard library's parser, no document type, no entiti
 takes the arm between two links as screws, and a link's inertia.
 """
 
-from __future__ import annotations
-
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping

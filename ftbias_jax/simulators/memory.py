@@ -1,7 +1,5 @@
 """What a sensor in a simulation remembers, sample by sample, NumPy or JAX: a low-pass and a delay."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ftbias_jax.model.effects.responses import BUTTERWORTH, FIRST, SECOND, lag_factors, swing_factors, swing_on

@@ -5,8 +5,6 @@ A body of the tool gets what the others leave of its mass and inertia, a part of
 included files is changed in copies of these.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ftbias_jax.model.effects.terms.parse import NAME as TERM

@@ -1,7 +1,5 @@
 """A part of the tool on springs, and drag, as an MJCF has them: a body with joints of its own, and dampers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import reduce
 from typing import Any

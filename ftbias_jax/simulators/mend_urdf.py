@@ -1,7 +1,5 @@
 """A URDF mended: the user's own text with another inertia of the tool's link, and other origins of joints."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a setup with effects, as a diagnosis leaves it, says of the tool, the mounting, gravity and the joints."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 

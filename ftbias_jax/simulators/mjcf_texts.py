@@ -1,7 +1,5 @@
 """The text of an MJCF and of what it includes: where its elements stand, and how it is written elsewhere."""
 
-from __future__ import annotations
-
 import os
 
 from ftbias_jax.setup.mjcf import Mjcf

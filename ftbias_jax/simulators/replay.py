@@ -4,8 +4,6 @@ Inverse dynamics at the recorded states, the joints smoothed. What is beyond the
 its springs let it; other joints that the log does not have stay where the scene has them.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Simulators that the data allow: draws from the joint posterior of what a diagnosis found, within its bounds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """``sensor_model.toml``: the sensor's errors as a file, with the sections, keys and units of a setup."""
 
-from __future__ import annotations
-
 import os
 import tomllib
 

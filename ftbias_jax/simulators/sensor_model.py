@@ -4,8 +4,6 @@ Pure functions of NumPy or of JAX arrays, whichever they are given. The first ax
 effects are those of the catalogue, for which it counts samples.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import jax

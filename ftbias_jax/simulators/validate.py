@@ -1,7 +1,5 @@
 """How far a mended simulator is from recordings it was not mended by, before and after, channel by channel."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple

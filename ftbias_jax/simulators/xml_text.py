@@ -1,7 +1,5 @@
 """Changes in the text of an XML file where its attributes stand: comments, order and layout stay as written."""
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 from xml.parsers import expat

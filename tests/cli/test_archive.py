@@ -269,11 +269,3 @@ def test_options_of_a_single_log_are_refused(logs, capsys, option):
 def test_many_logs_need_a_folder(logs, capsys):
     assert main(["filter", "logs/b.npz", "logs/day/a.npz", "--setup", "setup.toml", "-o", "out.npz"]) == 2
     assert "2 logs for the one file 'out.npz'" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("text", ["0/2", "3/2", "1", "1/0", "a/b", "1.5/2"])
-def test_shards_are_numbered_from_one(capsys, text):
-    with pytest.raises(SystemExit) as end:
-        main(["filter", "logs", "--setup", "setup.toml", "-o", "out", "--shard", text])
-    assert end.value.code == 2
-    assert "must be I/N with I from 1 to N" in capsys.readouterr().err

@@ -73,6 +73,7 @@ CASES = [
     "diagnose log.npz --apply",
     "diagnose log.npz --in-place",
     # reports
+    "check log.npz --json log.npz",
     "diagnose log.npz --html x.html --json x.html",
     "diagnose log.npz --html log.npz",
     # simulated logs

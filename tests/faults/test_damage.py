@@ -5,7 +5,6 @@ import io
 import resource
 import sqlite3
 import struct
-from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -57,17 +56,6 @@ def test_a_cut_recording_is_salvaged_up_to_the_cut(tmp_path, setup, long_log, ki
     count = (~np.isnan(log.wrench).any(1)).sum()
     assert count > 0.3 * 3000
     assert_part(log, long_log)
-
-
-@pytest.mark.parametrize("kind", CONTAINERS)
-def test_any_cut_ends_in_an_error_of_ours(tmp_path, setup, kind):
-    path = recordings.write(tmp_path, kind, recordings.messages())
-    content = path.read_bytes()
-    for length in np.linspace(0, len(content) - 1, 25).astype(int):
-        path.write_bytes(content[:length])
-        for how in (False, True):
-            with suppress(LogError):
-                read_log(path, setup, salvage=how)
 
 
 def test_a_flipped_length_loses_only_its_record(tmp_path, setup, long_log):

@@ -1,7 +1,6 @@
 """Files made to do harm, through the command: one line, exit code 1, nothing written and no memory taken."""
 
 import io
-import pickle
 import resource
 import zipfile
 
@@ -65,11 +64,6 @@ def replace_member(path, name, content):
             archive.writestr(member, old if member != name else content)
 
 
-def test_an_npy_header_of_terabytes(tmp_path, refused):
-    replace_member(tmp_path / "log.npz", "q.npy", npy((10**12, 2)))
-    assert "q: its header promises 16000000000128 bytes, the file has 228" in refused(tmp_path / "log.npz")
-
-
 def test_a_zip_bomb(tmp_path, refused):
     replace_member(tmp_path / "log.npz", "q.npy", bytes(300 << 20))
     assert "q.npy: unpacks to 314572800 bytes (more than 100 times looks like a" in refused(tmp_path / "log.npz")
@@ -78,17 +72,6 @@ def test_a_zip_bomb(tmp_path, refused):
 def test_pickled_objects(tmp_path, refused):
     np.savez(tmp_path / "log.npz", **{**arrays(), "q": np.array([[Harmful()] * 2] * T, object)})
     assert "q: holds Python objects (save plain arrays" in refused(tmp_path / "log.npz")
-
-
-def test_a_pickle_that_is_named_like_a_log(tmp_path, refused):
-    (tmp_path / "log.npz").write_bytes(pickle.dumps(Harmful()))
-    assert "is not an NPZ file" in refused(tmp_path / "log.npz")
-
-
-@pytest.mark.parametrize("name", ["../../harm.npy", "/harm.npy", "..\\harm.npy"])
-def test_names_that_leave_the_folder(tmp_path, refused, name):
-    replace_member(tmp_path / "log.npz", name, npy((0,), data=b""))
-    assert "unsafe array name" in refused(tmp_path / "log.npz")
 
 
 @pytest.mark.parametrize(

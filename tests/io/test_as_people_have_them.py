@@ -276,9 +276,3 @@ def test_a_log_that_is_none_of_the_files_is_refused(tmp_path):
         read_log(tmp_path / "1_fx.csv", setup)
     with pytest.raises(SetupError, match="name the files of position and wrench"):
         pose_setup({"files": {"wrench": "*.csv"}})
-
-
-def test_a_wrong_unit_of_time_is_told_with_the_key_that_states_it(npz):
-    t, q, dq, wrench = arm()
-    with pytest.raises(LogError, match=r"log\.time_unit"):
-        read(npz, arm_setup(), t=t.astype(float), q=q, dq=dq, wrench=wrench)

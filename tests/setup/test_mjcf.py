@@ -1,7 +1,5 @@
-import importlib.util
 import tomllib
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import numpy as np
@@ -17,17 +15,6 @@ from ftbias_jax.setup import load_setup, parse_setup
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
 JOINTS = tuple(f"joint{i}" for i in range(1, 8))
-ROBOSUITE = importlib.util.find_spec("robosuite")
-ARMS = {
-    "panda": "panda_gripper",
-    "ur5e": "rethink_gripper",
-    "iiwa": "panda_gripper",
-    "jaco": "jaco_three_finger_gripper",
-    "kinova3": "rethink_gripper",
-    "xarm7": "panda_gripper",
-    "sawyer": "rethink_gripper",
-}
-"""Arms of robosuite, and a gripper on each."""
 
 
 @pytest.fixture
@@ -157,28 +144,3 @@ def test_a_site_needs_an_mjcf_and_a_file_that_is_none_is_refused(tmp_path):
         (tmp_path / "scene.xml").write_bytes(content)
         with pytest.raises(SetupError, match=words):
             parse_setup(tomllib.loads(TOML), str(tmp_path / "setup.toml"))
-
-
-@pytest.mark.skipif(ROBOSUITE is None, reason="robosuite (pip install --no-deps robosuite) is not installed")
-@pytest.mark.parametrize("arm", ARMS)
-def test_the_arms_and_grippers_of_robosuite(arm, tmp_path):
-    assets = Path(ROBOSUITE.origin).parent / "models" / "assets"
-    spec = mujoco.MjSpec.from_file(str(assets / "robots" / arm / "robot.xml"))
-    tool = mujoco.MjSpec.from_file(str(assets / "grippers" / f"{ARMS[arm]}.xml"))
-    for one, folder in ((spec, assets / "robots" / arm), (tool, assets / "grippers")):
-        for mesh in one.meshes:
-            mesh.file = str(folder / mesh.file)
-        for texture in one.textures:
-            texture.file = str(folder / texture.file)
-    spec.attach(tool, prefix="gripper_", frame=spec.body("right_hand").add_frame())
-    spec.compiler.discardvisual = True
-    spec.compile()
-    (tmp_path / "scene.xml").write_text(spec.to_xml())  # which rounds
-    model = mujoco.MjModel.from_xml_path(str(tmp_path / "scene.xml"))
-    robot = {"mjcf": "scene.xml", "site": "gripper_ft_frame"}
-    setup = parse_setup({"robot": robot, "sensor": {"noise_std": 0.1}}, str(tmp_path / "setup.toml"))
-    motion = states(setup, 5)
-    names = [model.sensor(i).name for i in range(model.nsensor)]
-    sensors = [next(name for name in names if kind in name) for kind in ("force_ee", "torque_ee")]
-    expected = reading_of_mujoco(model, setup.robot.joint_names, *motion, *sensors)
-    assert_close(ours(setup, *motion), expected)

@@ -127,32 +127,22 @@ def test_rounded_axes_are_normalised_exactly():
 
 
 MISTAKES = [
-    ("tool.mas", 1.0, "tool.mas: unknown key", "did you mean 'mass'?"),
     ("tol", {}, "tol: unknown key", "did you mean 'tool'?"),
     ("joints.zzz", 1.0, "joints.zzz", "known: initial_std, model"),
-    ("log.columns.positions", ["a"], "log.columns.positions", "did you mean 'position'?"),
     ("log.topic", {}, "log.topic", "did you mean 'topics'?"),
-    ("log.topics.wrenches", "/w", "log.topics.wrenches", "did you mean 'wrench'?"),
-    ("log.topics.joints", 3, "log.topics.joints", "expected a string"),
     ("tool", 3, "tool: expected a table, got 3", "[tool]"),
     ("effects", [1], "effects: expected a table, got [1]", "[effects]"),
     ("effects.warmup", 3, "effects.warmup: expected a table", "[effects.warmup]"),
-    ("tool.mass", "heavy", "tool.mass: expected numbers, got 'heavy'", "one number"),
     ("tool.mass", True, "tool.mass: expected numbers, got True", "one number"),
     ("tool.mass", [0.7], "tool.mass: expected one number, got [0.7]", "without brackets"),
-    ("tool.mass", 0, "tool.mass: got 0", "greater than 0"),
-    ("tool.mass", float("nan"), "tool.mass: got nan", "greater than 0"),
     ("tool.mass", 10**400, "tool.mass: got 1000", "greater than 0"),
     ("tool.mass", 1e300, "tool.mass: got 1e+300", "check the number and its unit"),
     ("tool.center_of_mass", [0, 0], "tool.center_of_mass: has 2 numbers", "give 3 numbers"),
-    ("tool.center_of_mass", 0.1, "tool.center_of_mass: has 1 numbers", "give 3 numbers"),
-    ("tool.center_of_mass", [0, 0, float("inf")], "tool.center_of_mass: got [0, 0, inf]", "finite"),
     ("tool.center_of_mass", [[0, 0, 0]], "tool.center_of_mass: expected numbers", "give 3 numbers"),
     ("tool.inertia", [1e-3, 0, 0, 1e-3, 0, 3e-3], "tool.inertia", "principal moments 0.001, 0.001, 0.003 kg m^2"),
     ("tool.inertia", [-1e-3, 0, 0, 1e-3, 0, 1e-3], "tool.inertia", "sum of the others; all zeros = point mass"),
     ("tool.inertia", [-1e-3, 0, 0, -1e-3, 0, -1e-3], "tool.inertia", "sum of the others"),
     ("tool.inertia", [1e-3, 2e-3, 0, 1e-3, 0, 1e-3], "tool.inertia", "sum of the others"),
-    ("sensor.noise_std", [0.1] * 5 + [0], "sensor.noise_std: got [0.1", "each greater than 0"),
     (
         "sensor.noise_std",
         [0.1] * 3,
@@ -160,11 +150,8 @@ MISTAKES = [
         "one number or two (force, torque) or 6 numbers",
     ),
     ("sensor.reports", "wrench_on_tol", "sensor.reports", "did you mean 'wrench_on_tool'?"),
-    ("sensor.reports", 1, "sensor.reports: expected a string, got 1", '"..."'),
-    ("bias.initial_drift_std", -1, "bias.initial_drift_std: got -1", "each 0 or more"),
     ("joints.model", "jerk", "joints.model: unknown value 'jerk'", "integrated_jerk"),
     ("joints.process_noise_density", [1, 2], "joints.process_noise_density: has 2 numbers", "one number or 7 numbers"),
-    ("joints.initial_std", 1, "joints.initial_std: has 1 numbers", "give 3 numbers"),
     ("robot.model", "pandda", "robot.model: unknown value 'pandda'", "did you mean 'panda'?"),
     ("robot.gravity", [0, 0, -981], "robot.gravity: has length 981 m/s^2", "at most 30"),
     ("robot.urdf", "arm.urdf", "robot.model: excluded by robot.urdf", "remove one of the two"),
@@ -177,7 +164,6 @@ MISTAKES = [
     ("robot.joint_names", 7, "robot.joint_names: expected a list of strings, got 7", "give 7 names"),
     ("data_noise.entries", [1] * 35, "data_noise.entries: has 35 numbers", "give 36 numbers, each 0 or more"),
     ("log.columns.time", ["t"], "log.columns.time: expected a string", '"..."'),
-    ("log.columns.wrench", list("abc"), "log.columns.wrench: has 3 names", "give 6"),
 ]
 
 

@@ -1,12 +1,9 @@
-import sys
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ftbias_jax.errors import SetupError
-from ftbias_jax.model.kinematics.screws import make_arm, sensor_motion
 from ftbias_jax.setup import dump_setup, parse_setup
 
 ARM = """<?xml version="1.0"?>
@@ -25,21 +22,6 @@ ARM = """<?xml version="1.0"?>
   <joint name="squeeze" type="prismatic"><parent link="hand"/><child link="finger"/><mimic joint="lift"/></joint>
 </robot>
 """
-
-# Folder and file in the package example-robot-data, base link, tip link.
-REAL = [
-    ("panda_description/urdf/panda.urdf", "panda_link0", "panda_link8"),
-    ("panda_description/urdf/panda.urdf", "panda_link0", "panda_hand_tcp"),
-    ("ur_description/urdf/ur3_robot.urdf", "base_link", "tool0"),
-    ("ur_description/urdf/ur5_robot.urdf", "base_link", "tool0"),
-    ("ur_description/urdf/ur10_robot.urdf", "base_link", "ee_link"),
-    ("kinova_description/robots/kinova.urdf", "j2s6s200_link_base", "j2s6s200_end_effector"),
-    ("xarm_description/urdf/xarm7.urdf", "link_base", "link_eef"),
-    ("z1_description/urdf/z1.urdf", "link00", "link06"),
-    ("tiago_description/robots/tiago.urdf", "torso_fixed_link", "wrist_ft_link"),
-    ("pr2_description/urdf/pr2.urdf", "torso_lift_link", "r_wrist_roll_link"),
-    ("baxter_description/urdf/baxter.urdf", "torso", "left_hand_link"),
-]
 
 
 def parse(path, tip_link="flange", tool=None, **robot):
@@ -94,39 +76,6 @@ def test_the_tool_of_a_link_in_the_sensor_frame(urdf):
     # 0.1 m to the hand, 0.05 m to its centre, the sensor 0.04 m above the flange.
     np.testing.assert_allclose(tool.center_of_mass, [0, 0, 0.11], atol=1e-15)
     np.testing.assert_allclose(tool.inertia, [0.002, 0, 0, 0.001, 0, 0.0025], atol=1e-15)
-
-
-@pytest.mark.parametrize(("name", "base_link", "tip_link"), REAL)
-def test_real_arms_against_pinocchio(name, base_link, tip_link):
-    pinocchio = pytest.importorskip("pinocchio")
-    path = Path(sys.prefix) / "lib" / f"python{sys.version_info[0]}.{sys.version_info[1]}" / "site-packages"
-    path = path / "cmeel.prefix" / "share" / "example-robot-data" / "robots" / name
-    if not path.is_file():
-        pytest.skip("no URDF: pip install example-robot-data")
-    robot = parse(path, tip_link, base_link=base_link).robot
-    model = pinocchio.buildModelFromUrdf(str(path))
-    data = model.createData()
-    rng = np.random.default_rng(0)
-    arm = make_arm(robot.screws, robot.flange_translation, robot.flange_rotation)
-    for _ in range(3):
-        q = rng.uniform(-2, 2, len(robot.joint_names))
-        full, columns = pinocchio.neutral(model), []
-        for joint_name, angle in zip(robot.joint_names, q, strict=True):
-            joint = model.joints[model.getJointId(joint_name)]
-            # Pinocchio keeps a continuous joint as the cosine and sine of its angle.
-            full[joint.idx_q : joint.idx_q + joint.nq] = angle if joint.nq == 1 else [np.cos(angle), np.sin(angle)]
-            columns.append(joint.idx_v)
-        pinocchio.computeJointJacobians(model, data, full)
-        pinocchio.updateFramePlacements(model, data)
-        base, tip = model.getFrameId(base_link), model.getFrameId(tip_link)
-        expected = data.oMf[base].inverse() * data.oMf[tip]
-        motion = sensor_motion(arm, q, 0 * q, 0 * q)
-        np.testing.assert_allclose(motion.R_base_sensor, expected.rotation, atol=1e-10)
-        np.testing.assert_allclose(motion.p_base_sensor, expected.translation, atol=1e-10)
-        aligned = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        jacobian = pinocchio.getFrameJacobian(model, data, tip, aligned)[:, columns]
-        turn = np.kron(np.eye(2), data.oMf[base].rotation.T)
-        np.testing.assert_allclose(motion.jacobian, turn @ jacobian, atol=1e-10)
 
 
 @pytest.mark.parametrize(

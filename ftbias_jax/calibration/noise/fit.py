@@ -6,8 +6,6 @@ tool's parameters, so every further tool gives six sums with other weights. The 
 (``Fit.undetermined``) and writes the sums that are determined (``Fit.determined``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple

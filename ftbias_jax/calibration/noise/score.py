@@ -1,7 +1,5 @@
 """Log-likelihoods of joints, and of the wrench given the joints, as functions of the logarithms of their noise."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial

@@ -3,8 +3,6 @@
 All of it is positive, so every fit moves logarithms (``constrain``), which need no bounds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 import jax.numpy as jnp

@@ -1,7 +1,5 @@
 """What logs leave open of the noise, and the sums of variances that they do determine, in the words of a setup."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@ number for the sensor, the likeliest. Blocks of the log that are left out have t
 effects ``gain`` and ``crosstalk``.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

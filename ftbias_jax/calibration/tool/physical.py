@@ -6,12 +6,13 @@ of mass (the last three), so each of them can be kept where it is.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.filtering.innovation_regression import Prior
 from ftbias_jax.model.wrench.inertia import (
@@ -20,9 +21,6 @@ from ftbias_jax.model.wrench.inertia import (
     parameters_from_log_cholesky,
 )
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 RADIUS = 0.05
 """m, size of the sphere a point mass is taken for: log-Cholesky coordinates need a body with volume."""

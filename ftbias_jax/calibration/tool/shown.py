@@ -5,8 +5,6 @@ scores of whole blocks say how much less the log knows than its stated noise cla
 whether what was found there also holds elsewhere.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple
 

@@ -9,17 +9,13 @@ of the mass then differs by more than their errors, and all errors are enlarged 
 (DerSimonian and Laird 1986).
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.setup.rotations import rotation_from_vector, skew, vector_from_rotation
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 STRENGTHS = np.array([0.0, *np.logspace(-3, 1, 17)])
 """Variances of a step of the bias, in variances of the noise, that are tried."""

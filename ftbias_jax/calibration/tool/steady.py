@@ -4,8 +4,6 @@ A drift that one log shows would carry the bias away long before the next is rec
 model looks like one. So a drift must be likelier and must also predict the log's own readings better.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Steps of a reading, within a log that was meant to be free of contact: a tare, a touch, a load that changes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """``ftbias calibrate``: from logs to a setup in which every step predicts what it has not seen."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``ftbias check``: whether a setup can be right, as far as logs show it."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """``ftbias compare``: what differs between two setups, two results, or two diagnoses or checks."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Iterator, Mapping

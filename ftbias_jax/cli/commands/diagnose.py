@@ -1,7 +1,5 @@
 """``ftbias diagnose``: where logs depart from the model, which effects cause it, and how far the gap shrinks."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import shlex

@@ -1,7 +1,5 @@
 """``ftbias identify``: the tool's inertial parameters from a log, or from static poses."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``ftbias info``: what is in a log, and what can be filtered from it."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import shlex

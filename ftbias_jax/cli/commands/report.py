@@ -1,7 +1,5 @@
 """``ftbias report``: what the logs of a fleet show together, or one result, as one HTML page."""
 
-from __future__ import annotations
-
 import argparse
 import os
 

@@ -1,7 +1,5 @@
 """``ftbias setup``: a first setup, as far as a robot's name, files or a log tell it."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import shlex

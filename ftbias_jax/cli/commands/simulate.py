@@ -1,8 +1,6 @@
 """Before anything is recorded: ``ftbias simulate``, a log as a robot would record it with what is true in another file,
 and ``ftbias plan``, the motion that tells most about what is asked."""
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

@@ -1,7 +1,5 @@
 """``ftbias tune``: noise parameters of maximum likelihood from one log or many."""
 
-from __future__ import annotations
-
 import argparse
 import io
 import sys

@@ -1,7 +1,5 @@
 """What every command takes; light, so that ``--help`` answers at once."""
 
-from __future__ import annotations
-
 from ftbias_jax.cli.parsers.logs import OF_LOGS
 from ftbias_jax.cli.parsers.setups import OF_SETUPS
 from ftbias_jax.cli.parsers.simulators import OF_SIMULATORS

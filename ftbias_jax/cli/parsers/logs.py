@@ -1,7 +1,5 @@
 """The commands that filter, judge, explain and show logs."""
 
-from __future__ import annotations
-
 from ftbias_jax.cli.options import (
     ARCHIVE,
     FOLDER,

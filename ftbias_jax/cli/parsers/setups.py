@@ -1,7 +1,5 @@
 """The commands whose result is a setup, or a simulated log."""
 
-from __future__ import annotations
-
 from ftbias_jax.cli.options import (
     ARCHIVE,
     FORCE,

@@ -1,7 +1,5 @@
 """The commands about a simulator of the user's own."""
 
-from __future__ import annotations
-
 from ftbias_jax.cli.options import FORCE, LOGS, OUTSIDE, SEED, Command, count, option, output, setup
 
 OF_SIMULATORS = {

@@ -4,8 +4,6 @@ Entries look alike on a log that loads few combinations of axes, and a search fo
 what is reported of the matrix is its posterior: all entries together, each small a priori.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

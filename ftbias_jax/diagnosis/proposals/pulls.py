@@ -3,8 +3,6 @@
 The vector from the near to the far end is affine in the anchor, so many anchors are tried at the price of four.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 import numpy as np

@@ -4,8 +4,6 @@ The reading is nearly linear in the shares of the tool that move in each way: on
 what they would gain. The usual tool, of which moves what the entry says, is tried too, and its shares are freed after.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from itertools import product
 from typing import NamedTuple

@@ -6,8 +6,6 @@ value, all else spread over its bounds. Times are refined around the best start.
 everything free but what has no scale, such as a joint's number.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from itertools import product
 from typing import NamedTuple

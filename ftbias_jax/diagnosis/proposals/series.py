@@ -3,8 +3,6 @@
 A jump is one of the bias if it takes no time, and the new level stays whatever the pose is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import NamedTuple
 

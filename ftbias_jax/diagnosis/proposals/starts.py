@@ -1,7 +1,5 @@
 """What each effect would gain: those that are smooth at zero by one linearisation, the others from several starts."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Events of any shape in time, such as contacts: when something pushed the tool, and with which wrench."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ apart, because it is the same in nearly all evaluations. The programs are loaded
 being made ready for a search.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager

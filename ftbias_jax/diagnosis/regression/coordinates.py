@@ -6,8 +6,6 @@ parameters that switch it off, a positive parameter that needs a search is taken
 infinite by its inverse.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import NamedTuple

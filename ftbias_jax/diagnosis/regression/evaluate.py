@@ -1,7 +1,5 @@
 """The model and the whitening on all bins of all logs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 

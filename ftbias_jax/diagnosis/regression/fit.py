@@ -1,7 +1,5 @@
 """Fits of one or several hypotheses on whitened innovations, with bias and drift as nuisance."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

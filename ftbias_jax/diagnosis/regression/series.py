@@ -3,8 +3,6 @@
 Times and time constants are held; whatever the strength of each channel is, the series is the same.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import jax

@@ -1,7 +1,5 @@
 """A diagnosis as JSON, for programs."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """A diagnosis as one HTML file that needs nothing else: no network, no fonts, and no script but its own."""
 
-from __future__ import annotations
-
 import os
 import shlex
 from collections.abc import Sequence

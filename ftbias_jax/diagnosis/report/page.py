@@ -3,8 +3,6 @@
 The drawings are whole without the script: a browser without scripts, a printer and a screen reader get the same SVG.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

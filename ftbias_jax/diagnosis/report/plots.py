@@ -1,7 +1,5 @@
 """The plots of a diagnosis as SVG. What is in the result is drawn: series are thinned, nothing else is computed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

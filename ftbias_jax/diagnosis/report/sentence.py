@@ -1,7 +1,5 @@
 """The headline of a diagnosis: what was found with its value, what it is worth, and what to do, in forty words."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
 

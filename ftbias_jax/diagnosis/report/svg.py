@@ -1,7 +1,5 @@
 """Small drawings as SVG text: axes, lines, bands, points and bars. Colours are classes of the page's style sheet."""
 
-from __future__ import annotations
-
 import html
 import math
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """A diagnosis as a table for the terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from importlib.metadata import version

@@ -1,7 +1,5 @@
 """Samples averaged over short bins, and bins filled up to few lengths."""
 
-from __future__ import annotations
-
 import numpy as np
 
 SHORTEST_BIN = 0.01

@@ -3,8 +3,6 @@
 White noise never gives the same float twice, so equal numbers are evidence by themselves, and no model is needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

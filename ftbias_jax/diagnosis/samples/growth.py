@@ -6,8 +6,6 @@ noise, and must predict the variance on blocks of the log that they have not see
 from which the variance grows with the speed alone must predict it better again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

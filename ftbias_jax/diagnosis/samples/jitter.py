@@ -4,8 +4,6 @@ A stamp that is late by tau adds tau dW/dt to all six channels at once. Vibratio
 too, so each window's noise is split into the part along dW/dt and the part across it, both in noise sigmas.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Windows of 16 samples are split into an orthonormal basis: a cubic in time, whic
 of rising frequency that are orthogonal to it. White noise has the same standard deviation in each of the twelve.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

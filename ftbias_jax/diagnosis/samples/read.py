@@ -5,8 +5,6 @@ it grows with the rate of the wrench or with the speed of the joints. Floors on 
 matters to the owner.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ftbias_jax.diagnosis.samples import exact

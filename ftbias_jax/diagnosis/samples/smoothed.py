@@ -1,7 +1,5 @@
 """The joints of a log, smoothed over all of its samples, and the wrench that the tool then causes."""
 
-from __future__ import annotations
-
 import jax
 import numpy as np
 

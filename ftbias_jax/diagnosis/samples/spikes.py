@@ -1,7 +1,5 @@
 """Isolated samples that are far off both neighbours, and how to tell them from noise with heavy tails."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

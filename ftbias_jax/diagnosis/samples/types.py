@@ -1,7 +1,5 @@
 """What the examination of single samples finds."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """A variance that grows with something: its most likely weights, their errors, and what it gains on unseen blocks."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

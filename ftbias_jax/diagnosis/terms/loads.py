@@ -37,10 +37,9 @@ def all_carried(problem: Problem, base: Fit) -> Problem | None:
     loads = of_switches(problem, state, base, ("payload",))
     library = make_library(problem, state, [term for term in loads if np.min(term.parameters["time"]) > 0])
     for ranked in rank(library, stand(base))[:1]:
-        rough = improve(problem, state, stand(base), (ranked.term,))
-        if not _may_be_all(problem, base, rough):
+        if not _may_be_all(problem, base, improve(problem, state, stand(base), (ranked.term,), steps=0)):
             return None
-        load, error = _timed(problem, state, rough)
+        load, error = _timed(problem, state, improve(problem, state, stand(base), (ranked.term,)))
         freed = without_touches(problem, load, error)
         start = fits.base(freed)
         least = enough(freed, start)
@@ -53,11 +52,11 @@ def all_carried(problem: Problem, base: Fit) -> Problem | None:
 
 
 def _may_be_all(problem: Problem, base: Fit, rough: Solved) -> bool:
-    """Whether a load takes a good share of the gap away from the times at which it is handed over, which may be off."""
+    """Whether a load takes nearly all of the gap away from the times at which it is handed over, which may be off."""
     near = _away(problem, rough.terms[0]) < 2 * thresholds.HANDOVER
     elsewhere = problem.without(near)
     left = gap_of(elsewhere, base._replace(error=rough.error))
-    return left <= max(thresholds.USEFUL_SHARE * gap_of(elsewhere, base), enough(problem, base))
+    return left <= max(thresholds.FAINT**2 * gap_of(elsewhere, base), enough(problem, base))
 
 
 def _away(problem: Problem, load: Term) -> np.ndarray:

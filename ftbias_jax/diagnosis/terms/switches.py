@@ -20,12 +20,12 @@ COARSE = 1024
 PRICE = 4.0
 """Times the logarithm of the number of stretches, a change and channel: four times that of BIC, because drift and
 motion change the level, too; ``alternating`` tells what is switched."""
+TOGETHER = 16
+"""Ends of a segmentation that are worked out at once."""
 SHARES = (0.3, 0.6)
 """Of the largest change, from which on a change is one of what is switched."""
 REACH = 2
 """Stretches on either side of a change in which its time is looked for."""
-ROUNDS = 2
-"""Of looking for changes, and for the bias beside them."""
 
 
 class _Seen(NamedTuple):
@@ -89,22 +89,29 @@ def _suggested(state: State, seen: _Seen) -> Iterator[np.ndarray]:
     bias = (seen.weight * seen.left).sum(0) / np.maximum(seen.weight.sum(0), 1e-300)
     # A load is touched while it is handed over: what is brief may be larger than its weight.
     brief = int(HANDOVER / state.t[-1] * COARSE) if seen.name == "payload" else 0
+
+    def beside(bias: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What is left beside a bias (C,), along the axes, in bins and in stretches, and where its level changes."""
+        along = np.einsum("tc,tck->tk", seen.weight * (seen.left - bias), seen.axes)
+        x = sum_of_bins(stretch, along) / np.maximum(weight, 1e-300)
+        return along, x, changes(x, weight * _whiteness(x, weight))
+
+    along, x, cuts = beside(bias)
+    tried: set[tuple[int, ...]] = set()
     for share, shortest in product(SHARES, sorted({0, brief})):
-        found = np.zeros(0)
-        for _ in range(ROUNDS):
-            along = np.einsum("tc,tck->tk", seen.weight * (seen.left - bias), seen.axes)
-            rows = _switched_at(sum_of_bins(stretch, along) / np.maximum(weight, 1e-300), weight, share, shortest)
-            if not len(rows):
-                break
-            found = np.array([_refined(along, square, edges, rows, k) for k in range(len(rows))])
-            bias = _bias_beside(seen, found)
-        if len(found):
-            yield _times_of(state, found)
+        rows = _switched_at(x, weight, cuts, share, shortest)
+        if len(rows) and tuple(rows) not in tried:
+            tried.add(tuple(rows))
+            found = _refined(along, square, edges, rows)
+            # Once more beside the bias that goes with these times.
+            better_along, *better = beside(_bias_beside(seen, found))
+            rows = _switched_at(better[0], weight, better[1], share, shortest)
+            yield _times_of(state, _refined(better_along, square, edges, rows) if len(rows) else found)
 
 
-def _switched_at(x: np.ndarray, weight: np.ndarray, share: float, shortest: int) -> np.ndarray:
-    """(M,) rows of series (N, k) before which it changes along one direction, up and down in turn."""
-    cuts = lasting(x, weight, changes(x, weight * _whiteness(x, weight)), shortest)
+def _switched_at(x: np.ndarray, weight: np.ndarray, cuts: np.ndarray, share: float, shortest: int) -> np.ndarray:
+    """(M,) rows, of those (K,) where the level of series (N, k) changes, before which it goes up and down in turn."""
+    cuts = lasting(x, weight, cuts, shortest) if shortest else cuts
     if not len(cuts):
         return cuts
     levels = [_mean(x, weight, a, b) for a, b in zip([0, *cuts], [*cuts, len(x)], strict=True)]
@@ -123,16 +130,23 @@ def changes(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
         x: (N, C).
         weight: (N, C) one over the variance; 0 = not measured.
     """
-    n, price = len(x), PRICE * np.log(max(len(x), 2)) * x.shape[1]
-    sums = [np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(y, 0)]) for y in (weight, weight * x, weight * x**2)]
+    (n, channels), price = x.shape, PRICE * np.log(max(len(x), 2)) * x.shape[1]
+    # What a level takes of the sum of squares is all in which segmentations differ.
+    sums = np.zeros((2, channels, n + 1))
+    sums[:, :, 1:] = np.cumsum([weight.T, (weight * x).T], 2)
     best, last = np.full(n + 1, -price), np.zeros(n + 1, int)
     starts = np.array([0])
-    for end in range(1, n + 1):
-        total, first, second = (s[end] - s[starts] for s in sums)
-        cost = (second - first**2 / np.maximum(total, 1e-300)).sum(1) + best[starts]
-        k = int(cost.argmin())
-        best[end], last[end] = cost[k] + price, starts[k]
-        starts = np.append(starts[cost <= best[end]], end)
+    for block in range(1, n + 1, TOGETHER):
+        ends = np.arange(block, min(block + TOGETHER, n + 1))
+        tried, before = np.append(starts, ends), len(starts)
+        total, first = sums[:, :, ends, None] - sums[:, :, None, tried]
+        cost = -(first**2 / np.maximum(np.abs(total), 1e-300)).sum(0)
+        cost[:, :before] += best[starts]
+        for k, end in enumerate(ends):
+            cost[k, before : before + k] += best[block:end]
+            chosen = cost[k, : before + k].argmin()
+            best[end], last[end] = cost[k, chosen] + price, tried[chosen]
+        starts = tried[np.append(cost[-1, :-1] <= best[end], True)]
     cuts, end = list[int](), n
     while (end := int(last[end])) > 0:
         cuts.append(end)
@@ -173,29 +187,33 @@ def _whiteness(x: np.ndarray, weight: np.ndarray) -> float:
 
 
 def _mean(x: np.ndarray, weight: np.ndarray, first: int, end: int) -> np.ndarray:
-    level: np.ndarray = (weight * x)[first:end].sum(0) / np.maximum(weight[first:end].sum(0), 1e-300)
+    own = weight[first:end]
+    level: np.ndarray = (own * x[first:end]).sum(0) / np.maximum(own.sum(0), 1e-300)
     return level
 
 
-def _refined(along: np.ndarray, square: np.ndarray, edges: np.ndarray, rows: np.ndarray, k: int) -> float:
-    """The bin, with a fraction, in which the k-th change happens: by how much of either level is near it.
+def _refined(along: np.ndarray, square: np.ndarray, edges: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(M,) bins, with a fraction, in which the changes happen: by how much of either level is near them.
 
     Args:
         along: (U, n) weighted products of what is left with the axes.
         square: (U, n) weights of their levels.
         edges: (N + 1,) first bins of the stretches.
         rows: (M,) stretches before which the level changes.
-        k: which of these.
     """
-    around = np.concatenate([[0], rows, [len(edges) - 1]])[k : k + 3]
-    first, end = (edges[np.clip(rows[k] + by, around[0], around[2])] for by in (-REACH, REACH))
     x = along / np.maximum(square, 1e-300)
-    before = _mean(x, square, edges[around[0]], max(first, edges[around[0]] + 1))
-    jump = _mean(x, square, min(end, edges[around[2]] - 1), edges[around[2]]) - before
-    near = slice(first, end)
-    size = np.maximum((square[near] * jump**2).sum(1), 1e-300)
-    passed = (square[near] * jump * (x[near] - before)).sum(1) / size
-    return float(np.clip(end - passed.sum(), first, end))
+
+    def one(earlier: int, row: int, later: int) -> float:
+        first, end = (edges[np.clip(row + by, earlier, later)] for by in (-REACH, REACH))
+        before = _mean(x, square, edges[earlier], max(first, edges[earlier] + 1))
+        jump = _mean(x, square, min(end, edges[later] - 1), edges[later]) - before
+        near = slice(first, end)
+        size = np.maximum((square[near] * jump**2).sum(1), 1e-300)
+        passed = (square[near] * jump * (x[near] - before)).sum(1) / size
+        return float(np.clip(end - passed.sum(), first, end))
+
+    around = [0, *rows, len(edges) - 1]
+    return np.array([one(*around[k : k + 3]) for k in range(len(rows))])
 
 
 def _bias_beside(seen: _Seen, at: np.ndarray) -> np.ndarray:

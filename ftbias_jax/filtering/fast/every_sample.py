@@ -4,12 +4,9 @@ Everything is worked out for all samples at once, and XLA leaves out what nobody
 alone does not pay for the covariances.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import jax.numpy as jnp
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.filtering.fast.kalman_step import predict
 from ftbias_jax.filtering.fast.scan import Track
@@ -19,9 +16,6 @@ from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.filtering.step import Info, Options, State
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Sample
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 def states_and_infos(

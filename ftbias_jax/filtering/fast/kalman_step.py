@@ -6,8 +6,6 @@ acceleration) or one axis of the bias (bias, drift). Entries of the small matric
 are taken one at a time, which is exact for independent noise.
 """
 
-from __future__ import annotations
-
 import math
 from functools import partial
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The adjoint of kalman_step.py, for the reverse pass of scan.py."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any, NamedTuple
 

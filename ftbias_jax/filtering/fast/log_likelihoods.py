@@ -4,15 +4,13 @@ The reverse pass starts from those states: it works out every chunk again, with 
 chunk is in the processor's cache. So the memory it takes is that of one chunk, whatever the length of the log.
 """
 
-from __future__ import annotations
-
 from functools import partial
-from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.ad_checkpoint import checkpoint_name
+from jaxtyping import Float
 
 from ftbias_jax.filtering.fast.scan import Smoothed, filter_sums
 from ftbias_jax.filtering.fast.stages import (
@@ -30,9 +28,6 @@ from ftbias_jax.filtering.step import Options, State
 from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.compiled_loops import log_by_log_with_slopes
 from ftbias_jax.types import Sample
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 CHUNK = 512
 """Samples that pass through all stages together, and are worked out again together."""

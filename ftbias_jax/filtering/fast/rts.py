@@ -10,8 +10,6 @@ K is small where little happens in a step, and it is computed as such: textbooks
 matrices that are nearly equal. So covariances are sums of squares, right in float32 too.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import jax

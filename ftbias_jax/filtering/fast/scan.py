@@ -6,25 +6,21 @@ it is the Bryson-Frazier smoother (Bierman 1973): with L the log-likelihood of t
 x_smooth = x_pred + P_pred dL/dx_pred. So gradients cost about as much as the filter, and smoothing is the same pass.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.custom_derivatives import SymbolicZero
+from jaxtyping import Float
 
 from ftbias_jax.filtering.fast.kalman_step import Packed, Step, Tape, density_of, filter_step, nis_of
 from ftbias_jax.filtering.fast.kalman_step_back import Cotangent, step_back
 from ftbias_jax.filtering.process_models import ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole, one_at_a_time
 from ftbias_jax.runtime.lanes import Vector, from_upper, upper
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 class Inputs(NamedTuple):

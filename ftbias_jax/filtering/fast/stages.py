@@ -6,14 +6,13 @@ kinematics have no memory, so effects that need the whole log act between the st
 chunks of time.
 """
 
-from __future__ import annotations
-
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, States, Track, filter_scan
@@ -29,9 +28,6 @@ from ftbias_jax.model.wrench.batch import PIECE
 from ftbias_jax.model.wrench.tool_wrench import measurement_covariance
 from ftbias_jax.runtime.compiled_loops import log_by_log_with_slopes, on_cpu
 from ftbias_jax.types import Gaussian, Sample
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 PIECE_SAMPLES = 1024
 """Samples that pass through all stages together: what goes from one stage to the next stays in the cache."""

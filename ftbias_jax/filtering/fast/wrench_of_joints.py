@@ -1,7 +1,5 @@
 """What the tool makes the sensor read, from the states of the joints as the filters leave them."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import jax

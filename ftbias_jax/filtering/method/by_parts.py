@@ -1,7 +1,5 @@
 """The method over a log that is too long to be held: part by part, twice where its noise is to be found first."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain, pairwise
 from typing import Any

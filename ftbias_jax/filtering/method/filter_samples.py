@@ -4,8 +4,6 @@
 the filter as it would run on a robot: joints from the past alone, noise as the setup states it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import jax

@@ -1,7 +1,5 @@
 """The passes over the joints of a log: their process noise, themselves, and the wrench that the tool must cause."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import jax

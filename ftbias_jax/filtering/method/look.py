@@ -1,12 +1,11 @@
 """What a log shows of its noise, without filtering it: for tuning and for diagnosis, which work on its blocks."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.method.joints import smooth_joints
@@ -33,9 +32,6 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import BiasNoise, Params
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array, Sample
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 class InBlocks(NamedTuple):

@@ -1,10 +1,7 @@
 """The passes over noise and bias of a log whose joints are known: each takes a log as far as it is known, and adds."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import jax.numpy as jnp
+from jaxtyping import Float
 
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.fast.scan import Smoothed, filter_scan
@@ -18,9 +15,6 @@ from ftbias_jax.filtering.smoother import smooth_axes
 from ftbias_jax.model.params import BiasNoise, Params
 from ftbias_jax.runtime.pieces import over_pieces
 from ftbias_jax.types import Array, Gaussian, Sample
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 GATE = 6.0
 """Standard deviations: with the noise of the log, spikes and short contacts are off by more, and nothing else is."""

@@ -1,7 +1,5 @@
 """A recorded log filtered from its setup: the arrays of the method, back at the stamps of the wrench."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple

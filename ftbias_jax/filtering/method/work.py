@@ -1,8 +1,8 @@
 """A log as far as the passes of the method know it, and what the method gives of it: its states and its infos."""
 
-from __future__ import annotations
+from typing import Any, NamedTuple
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from jaxtyping import Bool, Float
 
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout
 from ftbias_jax.filtering.noise.fit_noise import Noise
@@ -10,9 +10,6 @@ from ftbias_jax.filtering.step import Options, State
 from ftbias_jax.model.kinematics.recorded_pose import speeds_of
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array, Sample
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float
 
 LATER: Any = None
 """Not there before a pass has found it."""

@@ -1,12 +1,11 @@
 """The Kalman filter of bias, drift and slow error on the means of blocks, for many sets of noise at once."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.filtering.process_models import BiasStrength, reverting_drift
 from ftbias_jax.filtering.samples import room_for
@@ -14,9 +13,6 @@ from ftbias_jax.io.clock import LONG_PAUSE
 from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 SHORTEST = 1e-5
 """Length of a block in correlation times, below which it is a point, as far as numbers can tell."""

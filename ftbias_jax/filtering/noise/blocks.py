@@ -1,17 +1,13 @@
 """A log in blocks of a few hundredths of a second: what is slow in their means, what is fast in their scatter."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float, Int
 
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 BLOCK_SECONDS = 0.05
 """Vibration of arms and tools, 10 Hz and above, averages out in a block; what moves the bias does not."""

@@ -5,22 +5,18 @@ follows the measured bias while nothing touches, and is held while something doe
 jumped, and is let through.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
 from ftbias_jax.runtime.compiled_loops import compile_whole, running_sum
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
 
 FOLLOW = 0.5
 """s: time constant with which the level follows; the errors of a model in motion are slower, contacts are faster."""

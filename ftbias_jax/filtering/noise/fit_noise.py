@@ -1,11 +1,10 @@
 """The noise of one log, where the setup leaves it open: contact, vibration, slow errors, and what is left."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Bool, Float
 
 from ftbias_jax.filtering.noise.block_filter import Grid, Means, filter_blocks
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
@@ -17,9 +16,6 @@ from ftbias_jax.filtering.noise.vibration import Vibration, fit_vibration, taken
 from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.runtime.compiled_loops import running_sum
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float
 
 BATCHES = (0.25, 1.0, 5.0)
 """s: means of the innovations over so long must scatter as the filter says."""

@@ -6,20 +6,14 @@ seconds of recorded logs, where pushed ones have 6 % and more. A push that stays
 looks like a bias, and nothing can tell it from one.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import jax
 import jax.numpy as jnp
+from jaxtyping import Bool, Float
 
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
 from ftbias_jax.filtering.noise.contact import white_std
 from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float
 
 WINDOW = 1.0
 """s in which a push is never steady; windows overlap by half."""

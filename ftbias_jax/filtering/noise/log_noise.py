@@ -1,7 +1,5 @@
 """What a log shows of its noise, one thing after the other, for people."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,19 +5,15 @@ is a least-squares fit with the weights dof / mu^2 (McCullagh and Nelder 1989, s
 cut at HEAVY mu.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 HEAVY = 6.0
 """A scatter this many times the usual is no vibration but a spike: it is cut to that."""

@@ -5,20 +5,16 @@ bias to a hundredth of what it does. How large they are and how long they last i
 blocks: fast noise averages out there, and a log is a few hundred numbers.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.filtering.noise.block_filter import Grid, Means, filter_blocks
 from ftbias_jax.filtering.noise.blocks import nan_median
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 MOST_BLOCKS = 1000
 LEAST_GAIN = 12.0

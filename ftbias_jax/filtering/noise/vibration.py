@@ -1,12 +1,11 @@
 """Noise of single samples, at rest and in motion, from the scatter within blocks."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.filtering.bias_filter import vibration, white_share
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
@@ -14,9 +13,6 @@ from ftbias_jax.filtering.noise.scatter import LEAST_LEVEL, Scatter, log_likelih
 from ftbias_jax.model.motion_noise import MotionNoise, effective_speed_squared
 from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 SPEEDS = (np.inf, *(0.5 * 2.0**-k for k in range(7)))
 """rad/s from which vibration may grow with the speed and no longer with its square; inf = never."""

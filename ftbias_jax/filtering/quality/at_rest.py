@@ -4,8 +4,6 @@ A constant weight and a constant bias are one number to the sensor. What changes
 the tool; what the weight is, only from a log that turns it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Are the filter's own error bars right? NIS and NEES against their chi-square bounds, and whiteness of innovations."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

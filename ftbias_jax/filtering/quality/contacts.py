@@ -1,7 +1,5 @@
 """The wrench of each interval of contact, with its error, summed up while the parts of a result go by."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

@@ -9,8 +9,6 @@ and does not average out. Nobody knows how much of it the bias has taken up at a
 error bars.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

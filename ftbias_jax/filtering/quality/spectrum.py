@@ -1,7 +1,5 @@
 """Lines in the spectrum of the innovations: mains hum, and resonances of the arm or the tool."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The verb of filtering: everything it needs is in a setup and a log."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor

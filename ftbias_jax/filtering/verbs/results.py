@@ -1,7 +1,5 @@
 """What filtering and smoothing a log from a setup gives back, in memory; and many logs in one call."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

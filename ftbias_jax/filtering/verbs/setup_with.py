@@ -1,7 +1,5 @@
 """Parameters back to a setup that states them: the inverse of ``params_for_log``."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """How a log of a pose was recorded, as far as gravity and the log itself show it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from itertools import product
 

@@ -1,7 +1,5 @@
 """A Denavit-Hartenberg table in a text file, as it is copied from a manual, as keys of a setup."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterable, Mapping

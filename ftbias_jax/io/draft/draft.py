@@ -1,7 +1,5 @@
 """A setup drafted from a robot's name, a URDF, an MJCF or a log: everything they tell, and what is left to measure."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 import tomllib

@@ -4,8 +4,6 @@ Gravity alone shows the tool's mass and centre of mass, and the sign of the repo
 noise changes show how noisy the sensor is, and how much motion adds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 

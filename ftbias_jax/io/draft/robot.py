@@ -1,7 +1,5 @@
 """What a built-in robot, a URDF, an MJCF or a recording of ROS says in a setup: joints, topics, where the sensor is."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple

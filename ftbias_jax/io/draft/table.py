@@ -1,7 +1,5 @@
 """What is in a table or a file of arrays before anybody has said how to read it, and the keys that its names state."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 from typing import NamedTuple

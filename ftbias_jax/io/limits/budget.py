@@ -4,8 +4,6 @@ A few kilobytes can declare, or truly unpack to, any number of bytes. What a fil
 stored of it. Decompression never yields more bytes than were declared, and refuses declarations that no log needs.
 """
 
-from __future__ import annotations
-
 import bz2
 import importlib
 import os

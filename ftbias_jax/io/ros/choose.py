@@ -1,7 +1,5 @@
 """Which streams of a recording are those of a log: by their types, or as the setup names them."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ In a bag a record is header length, header, data length, data, both lengths uint
 In MCAP a record is its kind uint8, its length uint64, and its content.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 import zlib

@@ -5,8 +5,6 @@ ROS 1 stores this text with each connection, ROS 2 with each schema of an MCAP f
 it stores OMG's interface description language (IDL).
 """
 
-from __future__ import annotations
-
 import re
 from collections import deque
 from collections.abc import Iterator, Mapping

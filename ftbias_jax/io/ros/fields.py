@@ -1,7 +1,5 @@
 """Numbers of a message of any type by the path of their field, such as ``wrench.force`` or ``tau[0:6]``."""
 
-from __future__ import annotations
-
 import importlib
 import re
 import struct

@@ -4,8 +4,6 @@ ROS 1 stores numbers one after the other; ROS 2 (CDR, OMG DDSI-RTPS 2.3, section
 the encoding, aligns every number to its own size, and ends strings with a zero byte.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Iterator
 from functools import partial

@@ -1,7 +1,5 @@
 """The pose of the sensor's mount in a recording of ROS: a topic of PoseStamped, or frames of TF."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import reduce
 

@@ -1,7 +1,5 @@
 """What all recordings of ROS are to their readers: messages as bytes, in the order in which they were stored."""
 
-from __future__ import annotations
-
 import struct
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """Logs as recordings of ROS 1 and 2: topics found by their type, joints matched by their names."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

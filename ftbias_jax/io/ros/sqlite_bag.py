@@ -1,7 +1,5 @@
 """ROS 2 bags in SQLite (``.db3``): a table of topics, a table of messages."""
 
-from __future__ import annotations
-
 import os
 import sqlite3
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 Of HDF5 they are the datasets at the root.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import tokenize

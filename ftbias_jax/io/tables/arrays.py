@@ -1,7 +1,5 @@
 """Logs as named arrays, whatever file they come from: names, readers by suffix, and what is made of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 

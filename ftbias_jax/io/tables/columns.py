@@ -1,7 +1,5 @@
 """Which column of a table is which quantity: as the setup names them, or by the usual names in the header."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Logs as CSV files: a header line of names, then one line of numbers a sample; an empty cell = not measured."""
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence

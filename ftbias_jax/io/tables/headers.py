@@ -4,8 +4,6 @@ Names are compared without upper case, brackets and units: ``/ft/wrench/force/x`
 one name, the first with something before it. Whoever reads a table asks here, so that all understand the same.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple

@@ -9,8 +9,6 @@ where some footers are damaged and it is asked for a column's sizes, so both are
 protocol.
 """
 
-from __future__ import annotations
-
 import json
 import mmap
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import LOWEST_RATE, check_samples
@@ -17,9 +18,6 @@ from ftbias_jax.io.tables.arrays import TABLES, native_arrays, suffix_of, with_p
 from ftbias_jax.setup.require import orientation_alone
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 FEWEST, MOST = 4, 1000
 """Poses: fewer do not tell a weight from a bias, more are a log of motion."""

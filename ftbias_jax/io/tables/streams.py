@@ -1,7 +1,5 @@
 """Logs of which every stream is a file of its own, with stamps of its own: [log.files] of the setup."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Results in the formats that other programs open: one module a format, all from the same named arrays."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path

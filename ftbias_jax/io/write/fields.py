@@ -1,7 +1,5 @@
 """What the arrays of a result are: unit, meaning, and what they depend on. The formats and the documentation say it."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from ftbias_jax.types import AXES

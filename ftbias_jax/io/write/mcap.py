@@ -6,8 +6,6 @@ with a configuration for every panel (configById) and the tree of panels (layout
 (facontidavide/PlotJuggler, plotjuggler_app).
 """
 
-from __future__ import annotations
-
 import json
 import os
 import struct

@@ -1,7 +1,5 @@
 """Results on disk: named arrays in an uncompressed NPZ file."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Which files this program wrote, and as what: the only ones that it replaces without being told to."""
 
-from __future__ import annotations
-
 import json
 import os
 import zipfile

@@ -1,7 +1,5 @@
 """Where a result comes from: program, setup, robot, logs and options. The same inputs give the same words."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Which arrays of a result are written, how exactly and at which samples; and what a file says about them."""
 
-from __future__ import annotations
-
 import difflib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -4,8 +4,6 @@
 the CSV itself would be rows to spreadsheets, PlotJuggler and ``pandas.read_csv``.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from typing import Any, BinaryIO, NamedTuple

@@ -3,8 +3,6 @@
 Signs are the report's: amplitudes add to the bias b, and the reading is D theta - b, so a positive one lowers it.
 """
 
-from __future__ import annotations
-
 import jax.numpy as jnp
 import numpy as np
 

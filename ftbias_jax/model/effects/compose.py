@@ -3,8 +3,6 @@
 Motion and model -> transforms -> wrench of the tool -> readings -> bias and noise -> recordings.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 import jax

@@ -3,8 +3,6 @@
 A force F that the environment exerts on the tool lowers the reading by F: the sensor has less to hold.
 """
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

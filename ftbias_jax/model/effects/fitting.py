@@ -4,8 +4,6 @@ A diagnosis reads only this; no effect is known to it by name. Searches speak of
 entry says which of its parameters plays which.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeAlias
 

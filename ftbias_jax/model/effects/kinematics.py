@@ -1,7 +1,5 @@
 """Effects of the kinematics stage: gravity, mounting or joint angles are not what the setup and the encoders say."""
 
-from __future__ import annotations
-
 import jax.numpy as jnp
 
 from ftbias_jax.model.effects.fitting import ByJoint, Fitting, Linear

@@ -3,8 +3,6 @@
 Stamps increase; a log may end in repeated ones (padding). Each function returns its signal at zero strength.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import jax

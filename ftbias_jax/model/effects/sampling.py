@@ -1,7 +1,5 @@
 """Effects on single samples: stamps that jitter, noise, range, lattice, spikes, and samples lost or repeated."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -1,7 +1,5 @@
 """Effects of the sensor stage that change its mean reading: gains, leaks between channels, hysteresis, lag."""
 
-from __future__ import annotations
-
 import jax.numpy as jnp
 import numpy as np
 

@@ -3,8 +3,6 @@
 A statement is a function of the estimates of an effect's parameters. Entries of the catalogue take one of these forms.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Effects of the tool stage: the tool is not what the setup says. Data-sheet values replace those of theta."""
 
-from __future__ import annotations
-
 from ftbias_jax.model.effects.fitting import Fitting, Linear
 from ftbias_jax.model.effects.statements import amount, distance
 from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Signals, Twin, within

@@ -4,8 +4,6 @@ The nominal model is: joint states -> sensor kinematics -> wrench of the known t
 why a real sensor reads something else. Signs are those of the report: reading = D theta - b + noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

@@ -4,22 +4,17 @@ A loop over the joints of such arrays is a few vectorised operations, where ``vm
 Everything is in the base frame.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.model.kinematics.screws import Arm
 from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.runtime.lanes import Rows, Vector, cross, dot, product, scale, times, total
 from ftbias_jax.runtime.trigonometry import sine_and_versine
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 Pose = tuple[Rows, Vector]
 

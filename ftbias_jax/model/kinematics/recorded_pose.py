@@ -9,21 +9,17 @@ it has length one, there is no singular orientation, and rates are linear in the
 with * the conjugate, w the angular velocity and w' the angular acceleration, both in base coordinates.
 """
 
-from __future__ import annotations
-
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion, arm_motion
 from ftbias_jax.model.kinematics.screws import Arm, Motion, sensor_motion, skew
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 class FreeBody(NamedTuple):

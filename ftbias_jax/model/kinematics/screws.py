@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
+from jaxtyping import Float
 
 if TYPE_CHECKING:
     import numpy as np
-    from jaxtyping import Float
 
 
 class Arm(NamedTuple):

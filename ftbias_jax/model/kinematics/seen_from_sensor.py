@@ -6,21 +6,17 @@ rotation Rz(a) Rx(b) Rz(c); its turns about z add to the angles of the two joint
 half the arithmetic of a product of exponentials (arm_batch.py), and equal to it to round-off.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.model.kinematics.arm_batch import Columns, Moving, Twist
 from ftbias_jax.model.kinematics.screws import Arm
 from ftbias_jax.runtime.lanes import Rows, Vector, cross, scale, times, total
 from ftbias_jax.runtime.trigonometry import sine_and_versine
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 class Chain(NamedTuple):

@@ -7,14 +7,13 @@ In a piece, vectors are lists of entries, each an array over samples (C,), as in
 its ten numbers. The equations are those of ``pipeline.predict_wrench`` and ``tool_wrench.joint_sensitivity``.
 """
 
-from __future__ import annotations
-
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion, Columns, Moving
 from ftbias_jax.model.kinematics.screws import Arm
@@ -32,10 +31,6 @@ from ftbias_jax.model.kinematics.seen_from_sensor import (
 from ftbias_jax.model.wrench.tool_wrench import Model, joint_sensitivity, motion_and_wrench
 from ftbias_jax.runtime.compiled_loops import compile_whole, on_cpu, one_at_a_time
 from ftbias_jax.runtime.lanes import Vector, cross, scale, times, total
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 PIECE = 128
 """Samples worked out together."""

@@ -5,19 +5,12 @@ second moment S = tr(I)/2 - I about the same origin. J = U U^T with U upper tria
 unbounded numbers one to one onto such bodies (Rucker and Wensing 2022).
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.model.kinematics.screws import skew
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 _ROWS, _COLUMNS = np.array([0, 1, 0, 0, 1, 2]), np.array([1, 2, 2, 3, 3, 3])
 

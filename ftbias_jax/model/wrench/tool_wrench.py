@@ -6,20 +6,15 @@ corrected wrench is reading + b (errata 9).
 theta = (m, m c, Ixx, Ixy, Ixz, Iyy, Iyz, Izz): mass, first moment, inertia about the sensor origin, sensor axes.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jaxtyping import Float
 
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody, motion_of
 from ftbias_jax.model.kinematics.screws import Arm, Motion, skew
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
 
 _DEAD_ROWS = {0: (3, 4, 5), 1: (3,), 2: (4,), 3: (5,)} | dict.fromkeys(range(4, 10), (0, 1, 2))
 

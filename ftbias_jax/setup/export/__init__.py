@@ -1,7 +1,5 @@
 """An identified tool in the words of robot controllers and of ROS: payloads, and parameters of gravity compensation."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from typing import Any

@@ -3,8 +3,6 @@
 Controllers of Universal Robots and Franka take it in the frame of the robot's own flange.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

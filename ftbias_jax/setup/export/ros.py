@@ -1,7 +1,5 @@
 """The tool and the bias as parameters of ROS packages that subtract them from the live reading, in the sensor frame."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable

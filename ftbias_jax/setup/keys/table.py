@@ -3,8 +3,6 @@
 As a JSON Schema, with it editors complete and check a setup while it is written.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Collection, Mapping

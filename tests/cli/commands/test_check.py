@@ -72,12 +72,6 @@ def test_a_table_of_static_poses_is_checked(stamps, tmp_path, capsys):
     assert json.loads((tmp_path / "each" / "poses.check.json").read_text())["ok"] is False
 
 
-def test_an_output_may_not_be_an_input(files, capsys):
-    arguments = files()
-    assert main(["check", *arguments, "--json", arguments[0]]) == 2
-    assert "--json" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("command", ["tune", "identify", "diagnose"])
 def test_a_command_that_would_explain_a_mistake_refuses(files, tmp_path, capsys, command):
     more = ["--json", str(tmp_path / "out.json")] if command == "diagnose" else ["-o", str(tmp_path / "out.toml")]

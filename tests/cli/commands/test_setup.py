@@ -147,13 +147,6 @@ def test_mistakes_end_in_one_line(capsys, words, message):
     assert message in printed.err
 
 
-def test_a_setup_that_is_there_is_not_replaced(tmp_path, capsys):
-    (tmp_path / "setup.toml").write_text("mine")
-    assert run("--robot", "ur5e", "-o", tmp_path / "setup.toml") == 1
-    assert "is there already" in capsys.readouterr().err
-    assert (tmp_path / "setup.toml").read_text() == "mine"
-
-
 def test_joints_that_several_robots_have_ask_for_a_name(tmp_path, capsys):
     _, q, wrench = made.arm_log("ur5e", samples=60)
     log = recordings.write(tmp_path, "ros1", published(q, built_in_robot("ur5e").joint_names, wrench))

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.cli.main import main
-from ftbias_jax.io.ros.read import log_of, read_recording
 from ftbias_jax.io.write.npz import load_npz
-from ftbias_jax.setup import load_setup
 
 JOINTS = [f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
 # Denavit and Hartenberg's parameters of the UR10e as Universal Robots publishes them: d m, a m, alpha rad.
@@ -86,22 +84,3 @@ def test_frames_of_tf_give_the_bias_that_the_joints_give(folder, shared_data):
         assert main(["filter", bag, "--setup", setup, "-o", "out.npz", "--unchecked"]) in (0, 3)
         results.append(load_npz("out.npz")["bias"][-1])
     np.testing.assert_allclose(*results, atol=2e-3)
-
-
-def test_the_gripper_s_joints_do_not_disturb_the_arm_s(folder, shared_data):
-    setup = load_setup("setup.toml")
-    recording = read_recording(shared_data / "real" / "ur10e_pick.bag")
-    of_arm = tuple(stream for stream in recording.streams if "left_finger_joint" not in stream.names)
-    assert len(of_arm) == len(recording.streams) - 1
-    with_gripper, without = (log_of(r, setup) for r in (recording, recording._replace(streams=of_arm)))
-    rows = np.isfinite(with_gripper.q).any(1) | np.isfinite(with_gripper.wrench).any(1)
-    for name in ("q", "dq", "wrench"):
-        np.testing.assert_array_equal(getattr(with_gripper, name)[rows], getattr(without, name))
-
-
-def test_a_wrench_without_joints_is_one_clear_line(folder, shared_data, capsys):
-    bag = shared_data / "real" / "rokubi_wrench_only.bag"
-    assert main(["filter", str(bag), "--setup", "setup.toml", "-o", "out.npz"]) == 1
-    printed = capsys.readouterr()
-    assert printed.err.count("\n") == 1
-    assert "no motion data: no topic has the type sensor_msgs/JointState (record it; there is" in printed.err

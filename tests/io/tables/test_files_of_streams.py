@@ -148,14 +148,6 @@ def test_offsets_of_one_file_move_a_stream_against_the_other(tmp_path, suffix):
         read_log(tmp_path / f"log{suffix}", parse_setup(stated))
 
 
-def test_streams_of_different_clocks_are_refused(tmp_path):
-    t_joints, q, _, w = streams()
-    write(tmp_path / "1_joints.npz", {"t": t_joints * 1e-9, "q": q})
-    write(tmp_path / "1_ft.npz", {"t": np.arange(SAMPLES) * 0.02, "wrench": w})
-    with pytest.raises(LogError, match="do not overlap in time: joints 17"):
-        read_log(tmp_path / "1_ft.npz", setup_of(".npz", ".npz", time_unit="s"))
-
-
 def test_a_pose_its_imu_and_the_wrench_in_an_array_file_a_bag_and_a_table(tmp_path):
     t_joints, q, t_wrench, w = streams()
     turned = made.rotations(built_in_robot("ur5e"), q)

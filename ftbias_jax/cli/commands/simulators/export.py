@@ -1,7 +1,5 @@
 """``ftbias export``: the tool for controllers and ROS, what was found for simulators, layouts for viewers."""
 
-from __future__ import annotations
-
 import argparse
 import os
 

@@ -1,7 +1,5 @@
 """``ftbias replay``: what a scene of MuJoCo says of a log. ``ftbias validate-sim``: how far it is from others."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``ftbias sample``: many simulators that the data allow, to train on."""
 
-from __future__ import annotations
-
 import argparse
 import os
 

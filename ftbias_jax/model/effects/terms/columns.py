@@ -1,7 +1,5 @@
 """What a term does to the reading: columns that are linear in its coefficients, from motion, time and load."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -4,8 +4,6 @@ A form gives scalars (T, S), which act along three axes or on six channels; or v
 act along themselves; or (T, 6) for channels that act on themselves.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from ftbias_jax.model.effects.responses import low_passed, swing, swing_forgets

@@ -1,7 +1,5 @@
 """The ``[[effects.term]]`` sections of a setup: any number of terms, each with its drive, form and numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a term and its form are, and what of a log its drive may be."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
