@@ -15,6 +15,7 @@ from ftbias_jax.diagnosis.evidence.gap import (
     excess_over_quiet,
     gap_removed,
     least_beside_joints,
+    nats_of_joints,
 )
 from ftbias_jax.diagnosis.hypothesis import is_sudden
 from ftbias_jax.diagnosis.problem import Problem
@@ -124,7 +125,8 @@ class Search(NamedTuple):
         effect = self.problem.catalogue[trial.hypothesis.effect]
         sudden = is_sudden(self.problem, effect)
         gain, stderr = compared(self.problem, trial.fit.error, accepted.error)
-        if trial.nats <= LEAST_GAIN or not (sudden or gain > STEADY * stderr):
+        by_joints = nats_of_joints(self.problem) if _follows_motion(self.problem, effect.name) else 0.0
+        if trial.nats <= max(LEAST_GAIN, by_joints) or not (sudden or gain > STEADY * stderr):
             return False
         if not is_plausible(self.problem, accepted, trial.fit):
             return False

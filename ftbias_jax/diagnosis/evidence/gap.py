@@ -123,7 +123,10 @@ def least_beside_joints(problem: Problem) -> float:
 
 
 def nats_of_joints(problem: Problem) -> float:
-    """What a cause may gain by the same errors: a low-pass, for one, smooths them in what the model predicts."""
+    """What a cause that follows the motion may gain by the same errors, which follow it, too.
+
+    A low-pass, for one, smooths them in what the model predicts.
+    """
     coherent = _of_joints(problem)
     return SHARE_OF_JOINTS * float((coherent / problem.variance[: len(coherent)]).sum()) / 2
 
