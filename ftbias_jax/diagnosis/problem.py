@@ -11,7 +11,7 @@ import numpy as np
 from ftbias_jax.diagnosis.regression.chain_model import nominal_motion
 from ftbias_jax.diagnosis.regression.coordinates import Layout, layout
 from ftbias_jax.diagnosis.regression.whitening import Whitener, make_whitener
-from ftbias_jax.diagnosis.samples.bins import bins_of, fill_up, mean_of_bins, sum_of_bins, width_of_bins
+from ftbias_jax.diagnosis.samples.bins import bins_of, fill_up, mean_of_bins, sum_of_bins
 from ftbias_jax.diagnosis.samples.read import inspect_samples
 from ftbias_jax.diagnosis.samples.smoothed import padded_samples, smoothed
 from ftbias_jax.diagnosis.samples.types import SampleFindings
@@ -164,7 +164,7 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     """One log: bins, samples in each (B, 6), effects the setup knows of, and what the samples show."""
     options, samples, length = Options(joint_model=setup.joints.model), padded_samples(log), len(log.t)
     params = params_for_log.likeliest_params(setup, samples, options)
-    known_noise, known = params.bias, params.bias.in_motion
+    known = params.bias.in_motion
     joints, reading, variance = (x[:length] for x in smoothed(params, samples, options))  # noise of samples comes below
     rate, speed = np.gradient(reading, log.t, axis=0), speeds_of(params.arm, joints[:, :, 1])
     contacts = contacts_in(log, reading, speed, variance, setup.sensor.compensated == "none")
@@ -177,28 +177,12 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
         found = found._replace(level=found.level._replace(doubt=words))
     # With that of accelerations that nobody recorded; an effect of the setup may make the sensor quieter than stated.
     joint_variance = np.maximum(variance - setup.sensor.noise_std**2, 0.0)
-    if (unseen := np.asarray(known_noise.wrench_variance) - setup.sensor.noise_std**2).any():
-        step = log.t[-1] / (len(log.t) - 1)
-        bins = time_of_lobe(joints[:, :4, 2]) * step / max(step, width_of_bins(float(log.t[-1])))
-        joint_variance = joint_variance + unseen * max(bins - 1, 0.0)
     noise_std, coherent = noise_on_lattice(found, setup.sensor.noise_std)
     found = found._replace(noise_std=noise_std)
     late = float(np.max(found.jitter.parameters["std"])) if found.jitter.detected else 0.0
     of_samples, catalogue = (late * rate) ** 2 + found.in_motion.variance(speed), catalogue_of_setup(setup)
     part, count = _bin(params, log, joints, joint_variance + coherent, of_samples, found, catalogue)
     return part._replace(touched=contacts), count, params.effects or {}, found
-
-
-def time_of_lobe(x: np.ndarray) -> float:
-    """Samples for which (T, k) series stay alike: twice the sum of their autocorrelation up to its first zero.
-
-    As many samples of such noise say no more on what lasts as long than one of white noise of the same variance.
-    Accelerations of a sensor that nobody recorded change as fast as those with which it turns.
-    """
-    x = x - x.mean(0)
-    power = (np.abs(np.fft.rfft(x, 2 * len(x), axis=0)) ** 2).sum(1)
-    alike = np.fft.irfft(power)[: len(x)]
-    return float(2 * alike[: np.argmax(alike < 0)].sum() / alike[0]) - 1 if alike[0] > 0 else 1.0
 
 
 def noise_on_lattice(found: SampleFindings, stated_std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,11 +17,11 @@ EFFECTS = {
 }
 
 
-def setup_of(linear, **pose):
+def setup_of(linear):
     tables = {
         "sensor": {"noise_std": [0.1, 0.004], "translation": [0.01, -0.02, 0.05], "rotation_rpy": [0.1, -0.2, 0.7]},
         "tool": {"mass": 0.7, "center_of_mass": [0.01, 0, 0.06], "inertia": [0.002, 0, 0, 0.002, 0, 0.001]},
-        "sensor_pose": {"linear": linear, **pose},
+        "sensor_pose": {"linear": linear},
     }
     return parse_setup(tables)
 
@@ -50,7 +50,7 @@ def test_the_cause_of_a_pose_log_is_named(setup, name):
 @pytest.mark.parametrize("name", ["none", "gain"])
 def test_without_positions_turning_alone_shows_the_cause(name):
     """The sensor's accelerations, which nobody recorded, count as noise that averaging does not reduce."""
-    setup = setup_of("none", acceleration_std=0.1)
+    setup = setup_of("none")
     made = ft.simulate(setup, EFFECTS[name], duration=30, rate=200, seed=1)
     diagnosis = ft.diagnose(setup, [made.log])
     assert [cause.effect for cause in diagnosis.causes] == ([] if name == "none" else ["gain"])

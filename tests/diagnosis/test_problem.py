@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.cli.commands.demo import SETUP
-from ftbias_jax.diagnosis.problem import Problem, make_problem, noise_on_lattice, time_of_lobe
+from ftbias_jax.diagnosis.problem import Problem, make_problem, noise_on_lattice
 from ftbias_jax.diagnosis.samples.bins import BINS, bins_of, mean_of_bins
 from ftbias_jax.model.simulate_log import simulate
 from ftbias_jax.setup import parse_setup
@@ -47,27 +47,6 @@ def test_a_sensor_that_a_stated_effect_makes_quieter_has_noise_all_the_same():
         problem, _ = make_problem(setup, [simulate(setup, duration=4, rate=100, seed=1).log])
     (part,) = problem.parts
     assert (np.asarray(part.wrench.variance) > 0).all()
-
-
-def test_noise_that_lasts_says_as_little_as_so_many_samples_fewer():
-    """Means over longer stretches than it lasts scatter as those of white noise of its variance times that time."""
-    rng, length = np.random.default_rng(0), 50
-    white = rng.normal(size=(100_000, 3))
-    assert time_of_lobe(white) == pytest.approx(1, abs=0.05)
-    lasting = np.stack([np.convolve(x, np.ones(length) / np.sqrt(length), "same") for x in white.T], 1)
-    means = lasting.reshape(-1, 1000, 3).mean(1)
-    assert time_of_lobe(lasting) == pytest.approx(1000 * means.var() / lasting.var(), rel=0.2)
-
-
-@pytest.mark.slow
-def test_accelerations_that_nobody_recorded_count_for_as_long_as_the_turning_accelerates_one_way():
-    sections = {"sensor": {"noise_std": [0.1, 0.004]}, "tool": {"mass": 0.7, "center_of_mass": [0, 0, 0.06]}}
-    setup = parse_setup({**sections, "sensor_pose": {"linear": "none", "acceleration_std": 0.4}})
-    with jax.enable_x64(True):
-        problem, _ = make_problem(setup, [simulate(setup, duration=8, rate=100, seed=1).log])
-    unseen = problem.variance[:, 0] - problem.noise_std[0] ** 2 / problem.samples[:, 0]
-    assert np.ptp(unseen) < 1e-3 * unseen.mean()
-    assert 10 < unseen.mean() / (0.7 * 0.4) ** 2 < 200, "bins of a hundredth of a second"
 
 
 def test_blocks_do_not_reach_over_two_logs():

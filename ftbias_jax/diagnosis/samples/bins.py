@@ -17,15 +17,11 @@ def bins_of(t: np.ndarray, duration: float) -> tuple[np.ndarray, int, int]:
         t: (T,) s, stamps of the samples.
         duration: s, of the log.
     """
+    width = max(SHORTEST_BIN, np.nextafter(duration / MOST_BINS, np.inf))  # so that the last sample is in the last bin
     # Bins without a sample are left out: a bin of a slow log is a sample.
-    found, index = np.unique((t / width_of_bins(duration)).astype(int), return_inverse=True)
+    found, index = np.unique((t / width).astype(int), return_inverse=True)
     used = len(found)
     return index, used, next((size for size in BINS if size >= used), used)
-
-
-def width_of_bins(duration: float) -> float:
-    """s, of the bins of a log that lasts so many seconds; its last sample is in the last bin."""
-    return max(SHORTEST_BIN, float(np.nextafter(duration / MOST_BINS, np.inf)))
 
 
 def sum_of_bins(index: np.ndarray, x: np.ndarray) -> np.ndarray:
