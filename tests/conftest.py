@@ -5,6 +5,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import shutil
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ from scipy.linalg import block_diag
 
 from ftbias_jax.model.kinematics.screws import Arm, make_arm
 from ftbias_jax.model.params import BiasNoise, JointNoise, Params
+from ftbias_jax.setup import Setup, parse_setup
 from ftbias_jax.setup.robots import built_in_robot, prismatic_screw, revolute_screw
 from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.types import Array, Sample
@@ -214,6 +216,18 @@ def samples() -> Sample:
     for stream in (q, dq, wrench):
         stream[33] = np.nan  # a whole sample
     return Sample(*(jax.numpy.asarray(x) for x in (dt, q, dq, wrench)))
+
+
+@pytest.fixture(scope="session")
+def make_setup() -> Callable[..., Setup]:
+    """The arm of the recordings, joints base and elbow, with sections of the setup replaced."""
+    return lambda **sections: parse_setup({**small_archive.TABLES, **sections})
+
+
+@pytest.fixture(scope="session")
+def setup(make_setup: Callable[..., Setup]) -> Setup:
+    """The arm of the recordings."""
+    return make_setup()
 
 
 @pytest.fixture

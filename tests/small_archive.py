@@ -1,6 +1,7 @@
 """A small archive of logs for the tests, filtered by the command in the current folder."""
 
 import os
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,10 @@ def named(setup=SETUP, names=("base", "elbow")):
     for axis, name in zip(("axis = [0, 0, 1]", "axis = [0, 1, 0]"), names, strict=True):
         setup = setup.replace(axis, f'{axis}\nname = "{name}"')
     return setup
+
+
+TABLES = {section: keys for section, keys in tomllib.loads(named()).items() if section != "joints"}
+"""The same arm, with the usual noise of its joints."""
 
 
 def write_log(path, seed=0, samples=300):

@@ -3,7 +3,6 @@
 import importlib.util
 import os
 import re
-import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -161,32 +160,6 @@ def test_formulas_are_typeset(site):
     )
     raw = re.compile(r"arithmatex|\\(?:begin|frac|quad|mathrm|left)\b|<merror")
     assert [page for page, text in pages.items() if raw.search(text)] == []
-
-
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-QUIET = "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking"
-OF_THE_BROWSER = (".google.com", ".googleapis.com")
-
-
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium")
-def test_the_search_works_from_disk_and_no_page_asks_the_network(site, tmp_path):
-    """No name is resolved: what a browser asks for by itself leads nowhere, either."""
-    log = tmp_path / "net.json"
-    command = [
-        *(
-            BROWSER,
-            *QUIET.split(),
-            "--disable-component-update",
-            "--disable-sync",
-            f"--user-data-dir={tmp_path / 'user'}",
-        ),
-        *("--host-resolver-rules=MAP * ~NOTFOUND", f"--log-net-log={log}", "--virtual-time-budget=10000", "--dump-dom"),
-        f"{(site / 'index.html').as_uri()}?q=drift",
-    ]
-    page = subprocess.run(command, capture_output=True, text=True, timeout=120).stdout
-    assert re.search(r'md-search-result__meta">\s*\d+ matching documents', page)
-    hosts = {urlsplit(url).hostname for url in re.findall(r'"url":"(https?:[^"]+)"', log.read_text())}
-    assert [host for host in hosts if not host.endswith(OF_THE_BROWSER)] == []
 
 
 def test_links_of_the_readme_lead_somewhere():

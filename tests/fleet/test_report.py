@@ -2,12 +2,12 @@
 
 import json
 import re
-from html.parser import HTMLParser
 from pathlib import Path
 
 import made_fleets
 import numpy as np
 import pytest
+from pages import Page
 
 from ftbias_jax.cli.main import main
 from ftbias_jax.errors import UsageError
@@ -28,29 +28,6 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def fleet(folder):
     return read_fleet([str(folder)])
-
-
-class Tags(HTMLParser):
-    """Checks that tags are closed in their order, and collects their names and ids."""
-
-    EMPTY = ("meta", "link", "br", "img")
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.names, self.ids = [], [], []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attributes):
-        self.names.append(tag)
-        self.ids += [value for key, value in attributes if key == "id"]
-        if tag not in self.EMPTY:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attributes):
-        self.names.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
 
 
 def test_entries_of_several_commands_are_one_record_a_log(fleet):
@@ -88,10 +65,9 @@ def test_predictions_that_get_worse_are_an_alarm(tmp_path):
 
 
 def test_the_page_is_whole_and_runs_and_loads_nothing(fleet):
-    page = Tags(text := to_page(fleet, "<b>fleet</b>", ""))
-    assert page.open == []
-    assert {"script", "link", "img", "iframe"} & set(page.names) == set()
-    assert len(page.ids) == len(set(page.ids))
+    page = Page(text := to_page(fleet, "<b>fleet</b>", ""))
+    assert {"script", "link", "img", "iframe"} & set(page.tags) == set()
+    assert len(ids := page.values("id")) == len(set(ids))
     assert "default-src 'none'" in text
     assert "http://" not in text.replace("http://www.w3.org", "")
     assert "<b>fleet</b>" not in text  # the title is no markup

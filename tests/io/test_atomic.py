@@ -1,22 +1,16 @@
 import os
 import stat
+from functools import partial
 
 import numpy as np
+import one_line
 import pytest
 
 from ftbias_jax.errors import LogError, OutputError
 from ftbias_jax.io.atomic import make_folder, make_folder_inside, write_atomic
 from ftbias_jax.io.write.npz import load_npz, save_npz, save_npz_parts
 
-
-def fails(call, path, *words):
-    with pytest.raises(OutputError) as caught:
-        call()
-    message = str(caught.value)
-    assert message.startswith(f"{path}: ")
-    for word in words:
-        assert word in message
-    assert "\n" not in message
+fails = partial(one_line.fails, kind=OutputError)
 
 
 def test_a_new_file_has_the_content_and_the_mode_of_any_new_file(tmp_path):

@@ -6,8 +6,8 @@ import log_files
 import numpy as np
 import pytest
 import recordings
+from one_line import reading_fails as fails
 
-from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.limits import budget
 from ftbias_jax.io.log import Log
@@ -40,17 +40,6 @@ def test_every_format_gives_the_same_log(tmp_path, setup, original, suffix):
     log = read_log(written(tmp_path / f"log{suffix}", original), setup)
     for field in ("t", "q", "dq", "wrench", "temperature"):
         np.testing.assert_allclose(getattr(log, field), getattr(original, field), rtol=0, atol=1e-12)
-
-
-def fails(path, setup, *words):
-    with pytest.raises(LogError) as caught:
-        read_log(path, setup)
-    message = str(caught.value)
-    assert message.startswith(f"{path}: ")
-    for word in words:
-        assert word in message
-    assert caught.value.remedy
-    assert "\n" not in message
 
 
 @pytest.mark.parametrize(("name", "module"), [("log.h5", "h5py"), ("log.parquet", "pyarrow")])

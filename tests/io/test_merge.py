@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from one_line import fails
 
-from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import check_overlap, merge_parts, on_one_clock
 from ftbias_jax.io.clock import as_stamps
 from ftbias_jax.setup.recorded import LogSetup
@@ -75,10 +75,4 @@ def test_every_sample_is_there_once_in_order(joint_t, wrench_t):
 )
 def test_streams_that_do_not_fit_are_refused(changes, field, what, remedy):
     streams = {"joint_t": [0.0, 1.0], "q": [[1.0], [2.0]], "wrench_t": [0.5, 1.5], "wrench": np.ones((2, 6))}
-    with pytest.raises(LogError) as caught:
-        merge(**{**streams, **changes})
-    message = str(caught.value)
-    assert message.startswith(f"log.npz: {field}: ")
-    assert what in message
-    assert remedy in message
-    assert "\n" not in message
+    fails(lambda: merge(**{**streams, **changes}), f"log.npz: {field}", what, remedy)

@@ -4,10 +4,10 @@ import json
 import re
 import tomllib
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from pages import Page
 
 import ftbias_jax as ft
 from ftbias_jax.errors import UsageError
@@ -118,31 +118,16 @@ def test_a_format_of_another_robot_is_refused(tmp_path, robot, format):
     assert not list(tmp_path.iterdir())
 
 
-class Page(HTMLParser):
-    """Texts and what would be loaded."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.texts, self.loads = [], []
-        self.feed(text)
-
-    def handle_data(self, data):
-        self.texts.append(data)
-
-    def handle_starttag(self, tag, attrs):
-        self.loads += [value for key, value in attrs if key in ("src", "href")]
-
-
 def test_the_page_says_what_to_expect_what_not_and_what_is_not_known(tmp_path):
     plan = made("panda", label="<b>mass</b>")
     plan.to_html(tmp_path / "plan.html")
     text = (tmp_path / "plan.html").read_text()
     page = Page(text)
-    words = " ".join(page.texts)
+    words = page.text
     for expected in ("<b>mass</b> [kg]", "0.01", "not determined", "a:b: 20.0 nats", "Ixx: because", "jerk: assumed"):
         assert expected in words
     assert "collisions of the arm with itself" in words
-    assert page.loads == []
+    assert page.values("src", "href") == []
     assert "<script" not in text
     assert "<animate" not in text
     assert text.count("<svg") == 2 + 1 + 7
@@ -152,7 +137,7 @@ def test_the_page_says_what_to_expect_what_not_and_what_is_not_known(tmp_path):
 def test_the_page_of_two_logs_has_a_column_for_each_and_for_both():
     plan = made("panda")
     both = plan.forecast._replace(logs=np.array([0.05, np.nan]), together=np.array([0.009, np.nan]))
-    words = " ".join(Page(plan_page(replace(plan, forecast=both))).texts)
+    words = Page(plan_page(replace(plan, forecast=both))).text
     for expected in ("logs at hand", "0.05", "0.009"):
         assert expected in words
 

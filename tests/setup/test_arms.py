@@ -157,8 +157,8 @@ def test_the_yumi_stands_where_its_axes_and_lengths_say():
         np.testing.assert_allclose(forward(robot, q), expected, atol=1e-9)
 
 
-# Joint, origin (xyz; rpy) and axis of published URDFs: those that arms.toml names as sources; of the LBR iiwa 7; of the
-# YuMi's arms with the lengths of the product manual, where the published one rounds differently.
+# Joint, origin (xyz; rpy) and axis of published URDFs: those that arms.toml names; of the YuMi's arms with the
+# lengths of the product manual, where the published one rounds differently.
 YUMI = [
     ((0.03, 0, 0.1), (HALF, 0, 0)),
     ((-0.03, 0.17283, 0), (-HALF, 0, 0)),
@@ -166,15 +166,6 @@ YUMI = [
     ((0.0405, 0.16461, 0), (-HALF, 0, 0)),
     ((-0.027, 0, 0.265 - 0.16461), (HALF, 0, 0)),
     ((0.027, 0.029, 0), (-HALF, 0, 0)),
-]
-LBR = [
-    ((0, 0, 0.1475), "0 0 1"),
-    ((0, -0.0105, 0.1925), "0 1 0"),
-    ((0, 0.0105, 0.2075), "0 0 1"),
-    ((0, 0.0105, 0.1925), "0 -1 0"),
-    ((0, -0.0105, 0.2075), "0 0 1"),
-    ((0, -0.0707, 0.1925), "0 1 0"),
-    ((0, 0.0707, 0.091), "0 0 1"),
 ]
 NONE = (0, 0, 0)
 JACO = [((0, 0, 0.15675), (0, np.pi, 0), "0 0 1"), ((0, 0.0016, -0.11875), (-HALF, 0, np.pi), "0 0 1")]
@@ -287,7 +278,6 @@ URDF = {
         NONE,
         1e-9,
     ),
-    "iiwa7": ([(xyz, (0, 0, 0), axis) for xyz, axis in LBR], (0, 0, 0.035), 1e-9),
     "yumi_left": (
         [(xyz, rpy, "0 0 1") for xyz, rpy in [((0.05355, 0.0725, 0.41492), (0.9781, -0.5716, 2.3180)), *YUMI]],
         (0, 0, 0.007),

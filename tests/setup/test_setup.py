@@ -3,6 +3,7 @@ import dataclasses
 import tomllib
 
 import numpy as np
+import one_line
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -45,14 +46,7 @@ def with_value(path, value):
 
 
 def fails(tables, *words):
-    """Parsing fails with one line that names the file and has all the words."""
-    with pytest.raises(SetupError) as caught:
-        parse_setup(tables, FILE)
-    message = str(caught.value)
-    assert "\n" not in message
-    assert caught.value.remedy
-    for word in (FILE, *words, caught.value.remedy):
-        assert word in message
+    one_line.fails(lambda: parse_setup(tables, FILE), FILE, *words, kind=SetupError)
 
 
 def assert_equal(a, b):
@@ -246,12 +240,7 @@ def test_unreadable_files_are_named(tmp_path, content, what, remedy):
     path = tmp_path / FILE
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(SetupError) as caught:
-        load_setup(path)
-    message = str(caught.value)
-    assert message.startswith(f"{path}: {what}")
-    assert remedy in message
-    assert "\n" not in message
+    one_line.fails(lambda: load_setup(path), path, what, remedy, kind=SetupError)
 
 
 def test_real_setups_load(shared_data):

@@ -1,44 +1,14 @@
 import json
 import re
-from html.parser import HTMLParser
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pages import Page
 
 from ftbias_jax.diagnosis.report.html import to_html
 from ftbias_jax.diagnosis.report.svg import binned_means, data_range, escape, thin, tick_words, ticks
 from ftbias_jax.diagnosis.result import Where
-
-VOID = {"meta", "line", "rect", "circle", "path"}
-
-
-class Page(HTMLParser):
-    """Elements and texts of a page; every element must be closed in order."""
-
-    def __init__(self, html: str) -> None:
-        super().__init__()
-        self.tags, self.attributes, self.headings, self.text, self._open = [], [], [], "", []
-        self.feed(html)
-        assert self._open == []
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        self.attributes += attrs
-        if tag not in VOID:
-            self._open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self.tags.append(tag)
-        self.attributes += attrs
-
-    def handle_endtag(self, tag):
-        assert self._open.pop() == tag
-
-    def handle_data(self, data):
-        self.text += data
-        if self._open and self._open[-1] == "h2":
-            self.headings.append(data)
 
 
 def test_the_verdict_comes_first_and_the_sections_in_order(make_diagnosis):

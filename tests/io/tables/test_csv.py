@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from one_line import reading_fails as fails
 
-from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.tables import csv as csv_log
 from ftbias_jax.io.tables.columns import choose_columns
@@ -21,17 +21,6 @@ def write(tmp_path, text):
 
 def lines(count=3, header=HEADER, line=LINE):
     return [header, *(line.format(i=i) for i in range(count))]
-
-
-def fails(path, setup, *words):
-    with pytest.raises(LogError) as caught:
-        read_log(path, setup)
-    message = str(caught.value)
-    assert message.startswith(f"{path}: ")
-    for word in words:
-        assert word in message
-    assert caught.value.remedy
-    assert "\n" not in message
 
 
 @pytest.fixture

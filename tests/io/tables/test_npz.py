@@ -5,8 +5,8 @@ from functools import partial
 
 import numpy as np
 import pytest
+from one_line import fails
 
-from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.limits import budget
 from ftbias_jax.io.tables.array_files import load_arrays
@@ -31,17 +31,6 @@ def member(shape, data=b""):
     stream = io.BytesIO()
     np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": shape})
     return stream.getvalue() + data
-
-
-def fails(call, path, *words):
-    with pytest.raises(LogError) as caught:
-        call()
-    message = str(caught.value)
-    assert message.startswith(f"{path}: ")
-    for word in words:
-        assert word in message
-    assert caught.value.remedy
-    assert "\n" not in message
 
 
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
