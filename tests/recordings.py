@@ -137,16 +137,15 @@ def _write(writer, store, serialize, published):
         store.register(get_types_from_msg(text, name))
     with writer:
         for i, message in enumerate(published):
-            kind = _kind(message)
-            key = (message.topic, message.publisher)
+            kind, fields, frame = _described(message)
+            # Only ROS 1 knows who has published a message.
+            key = (message.topic, message.publisher if serialize == "serialize_ros1" else "")
             if key not in connections:
                 options = {"callerid": message.publisher} if serialize == "serialize_ros1" else {}
-                if serialize == "serialize_cdr" and any(topic == message.topic for topic, _ in connections):
-                    connections[key] = next(c for (topic, _), c in connections.items() if topic == message.topic)
-                else:
-                    connections[key] = writer.add_connection(message.topic, kind, typestore=store, **options)
+                connections[key] = writer.add_connection(message.topic, kind, typestore=store, **options)
             logged = message.logged if message.logged is not None else message.stamp + 1000
-            writer.write(connections[key], logged, getattr(store, serialize)(_content(store, message, i), kind))
+            content = _filled(store, kind, fields, _header(store, message.stamp, frame, i))
+            writer.write(connections[key], logged, getattr(store, serialize)(content, kind))
 
 
 def forget_definitions(path: Path) -> None:
@@ -195,43 +194,27 @@ def _by_name(store, name, given):
     return given or {}
 
 
-def _kind(message):
-    if isinstance(message, Other):
-        return message.kind
-    if isinstance(message, Text):
-        return "std_msgs/msg/String"
-    if isinstance(message, Pose):
-        return "geometry_msgs/msg/PoseStamped" if len(message.names) == 1 else "tf2_msgs/msg/TFMessage"
-    return "sensor_msgs/msg/JointState" if isinstance(message, Joints) else "geometry_msgs/msg/WrenchStamped"
+def _described(message):
+    """Type, fields and frame of a message."""
+    match message:
+        case Text():
+            return "std_msgs/msg/String", {"data": message.text}, ""
+        case Joints():
+            fields = {"name": message.names, "position": message.position, "velocity": message.velocity}
+            return "sensor_msgs/msg/JointState", fields, ""
+        case Wrench():
+            wrench = {"force": message.wrench[:3], "torque": message.wrench[3:]}
+            return "geometry_msgs/msg/WrenchStamped", {"wrench": wrench}, message.frame
+        case Pose(names=[frame]):
+            pose = {"position": message.pose[:3], "orientation": message.pose[3:]}
+            return "geometry_msgs/msg/PoseStamped", {"pose": pose}, frame
+        case Pose(names=[frame, child]):
+            moved = {"translation": message.pose[:3], "rotation": message.pose[3:]}
+            return "tf2_msgs/msg/TFMessage", {"transforms": [{"child_frame_id": child, "transform": moved}]}, frame
+    return message.kind, message.fields, "somewhere"
 
 
-def _content(store, message, i):
-    types = store.types
-    if isinstance(message, Text):
-        return types["std_msgs/msg/String"](message.text)
-    if isinstance(message, Other):
-        stamp = types["builtin_interfaces/msg/Time"](*divmod(message.stamp, SECOND))
-        header_type = types["std_msgs/msg/Header"]
-        header = header_type(*([i] if "seq" in header_type.__dataclass_fields__ else []), stamp, "somewhere")
-        return _filled(store, message.kind, message.fields, header)
-    stamp = types["builtin_interfaces/msg/Time"](*divmod(message.stamp, SECOND))
-    header_type = types["std_msgs/msg/Header"]
-    ros1 = "seq" in header_type.__dataclass_fields__
-    frame = message.frame if isinstance(message, Wrench) else ""
-    if isinstance(message, Pose):
-        frame = message.names[0]
-    header = header_type(*([i] if ros1 else []), stamp, frame)
-    if isinstance(message, Joints):
-        position, velocity = (np.array(numbers, float) for numbers in (message.position, message.velocity))
-        return types["sensor_msgs/msg/JointState"](header, list(message.names), position, velocity, np.zeros(0))
-    vector = types["geometry_msgs/msg/Vector3"]
-    if isinstance(message, Pose):
-        orientation = types["geometry_msgs/msg/Quaternion"](*map(float, message.pose[3:]))
-        if len(message.names) == 1:
-            pose = types["geometry_msgs/msg/Pose"](types["geometry_msgs/msg/Point"](*message.pose[:3]), orientation)
-            return types["geometry_msgs/msg/PoseStamped"](header, pose)
-        transform = types["geometry_msgs/msg/Transform"](vector(*map(float, message.pose[:3])), orientation)
-        stamped = types["geometry_msgs/msg/TransformStamped"](header, message.names[1], transform)
-        return types["tf2_msgs/msg/TFMessage"]([stamped])
-    force, torque = vector(*map(float, message.wrench[:3])), vector(*map(float, message.wrench[3:]))
-    return types["geometry_msgs/msg/WrenchStamped"](header, types["geometry_msgs/msg/Wrench"](force, torque))
+def _header(store, stamp, frame, i):
+    header = store.types["std_msgs/msg/Header"]
+    numbered = [i] if "seq" in header.__dataclass_fields__ else []
+    return header(*numbered, store.types["builtin_interfaces/msg/Time"](*divmod(stamp, SECOND)), frame)

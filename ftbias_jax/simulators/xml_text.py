@@ -79,11 +79,6 @@ class Document:
         else:
             self._edits.append((end, end, inner))
 
-    def set_text(self, element: int, text: str) -> None:
-        """Give an element that has nothing but text another one."""
-        _, end = self._opening(element)
-        self._edits.append((end, self.content.index(b"<", end), text))
-
     @property
     def text(self) -> str:
         """The changed text."""

@@ -40,6 +40,11 @@ def made(name, form, scene, scale=1.0):
     return parameters, kind.build(form, parameters, scene)
 
 
+def each(name, scene):
+    """Form, parameters and effect of a kind, one form after the other."""
+    return ((form, *made(name, form, scene)) for form in KINDS[name].forms)
+
+
 def pushed(one, scene):
     """(S, 6) what a mechanical effect adds to MuJoCo's reading, on the grid."""
     return wrench(one.world(scene.world), scene.motion, scene.grid) - scene.nominal
@@ -95,13 +100,11 @@ def test_parameters_say_all_and_coefficients_are_numbers(scene, name, form):
 
 
 def test_wind_and_balancer_are_forces_of_one_size(scene, path):
-    for form in KINDS["wind"].forms:
-        p, one = made("wind", form, scene)
+    for form, p, one in each("wind", scene):
         expected = reading_of(path, np.array(p["force"]), p["point"], np.array(p.get("couple", np.zeros(3))))
         np.testing.assert_allclose(pushed(one, scene), expected, atol=1e-9)
         assert ("couple" in p) == (form == "with_couple")
-    for form in KINDS["balancer"].forms:
-        p, one = made("balancer", form, scene)
+    for form, p, one in each("balancer", scene):
         rope = np.array(p["hook"]) - path.points(np.array(p["point"])) if form == "fixed_hook" else p["direction"]
         expected = reading_of(path, p["tension"] * unit(np.array(rope)), p["point"])
         np.testing.assert_allclose(pushed(one, scene), expected, atol=1e-9)
@@ -122,8 +125,7 @@ def test_a_magnet_pulls_to_its_place_and_fades_with_the_power_of_the_distance(sc
 
 
 def test_a_rail_pulls_across_itself_and_not_along(scene, path):
-    for form in KINDS["rail"].forms:
-        p, one = made("rail", form, scene)
+    for _, p, one in each("rail", scene):
         force = in_base(path, pushed(one, scene)[:, :3])
         away = np.array(p["source"]) - path.points(np.array(p["point"]))
         assert np.abs(force @ np.array(p["along"])).max() < 1e-9
@@ -142,8 +144,7 @@ def test_sag_turns_the_weight_and_leaves_the_force(scene, path, form):
 
 
 def test_a_compass_is_turned_across_the_field_and_soft_iron_has_two_like_ends(scene, path):
-    for form in KINDS["compass"].forms:
-        p, one = made("compass", form, scene)
+    for form, p, one in each("compass", scene):
         torque = in_base(path, pushed(one, scene)[:, 3:])
         cosine = path.rotation @ np.array(p["axis"]) @ np.array(p["field"])
         sine = np.sqrt(1 - cosine**2)
@@ -169,8 +170,7 @@ def test_what_is_dragged_resists_the_velocity(scene, path, name, form):
 
 
 def test_a_spindle_needs_omega_cross_its_momentum_and_answers_to_its_own_acceleration(scene, path):
-    for form in KINDS["spindle"].forms:
-        p, one = made("spindle", form, scene)
+    for form, p, one in each("spindle", scene):
         phase = 2 * np.pi / p["period"] * path.t
         swing = 0.5 if form == "surging" else 0.0
         h = p["momentum"] * (1 + swing * np.sin(phase))[:, None] * np.array(p["axis"])
@@ -183,15 +183,13 @@ def test_a_spindle_needs_omega_cross_its_momentum_and_answers_to_its_own_acceler
 
 def test_a_brake_dissipates_and_water_carried_along_resists_acceleration(scene, path):
     omega = path.angular_velocity()
-    for form in KINDS["eddy_brake"].forms:
-        p, one = made("eddy_brake", form, scene)
+    for form, p, one in each("eddy_brake", scene):
         factor = 1.0 if form == "linear" else np.linalg.norm(omega, axis=1, keepdims=True)
         seen = pushed(one, scene)
         np.testing.assert_allclose(
             seen, reading_of(path, np.zeros(3), np.zeros(3), -p["damping"] * factor * omega), atol=1e-9
         )
-    for form in KINDS["entrained"].forms:
-        p, one = made("entrained", form, scene)
+    for form, p, one in each("entrained", scene):
         a = np.gradient(np.gradient(path.points(np.array(p["point"])), path.t, axis=0), path.t, axis=0)
         normal = path.rotation @ np.array(p["normal"])
         a = a if form == "sphere" else (a * normal).sum(1, keepdims=True) * normal
@@ -218,8 +216,7 @@ def test_what_dangles_goes_on_swinging_at_its_frequency_when_the_robot_stops(sce
 
 
 def test_a_dispenser_loses_weight_and_inertia(scene, path):
-    for form in KINDS["dispenser"].forms:
-        p, one = made("dispenser", form, scene)
+    for form, p, one in each("dispenser", scene):
         t = np.maximum(path.t, 0)
         gone = p["loss"] * (t / 30 if form == "steady" else 1 - np.exp(-t / p["tau"]))
         a = path.acceleration(np.array(p["point"]))
@@ -253,8 +250,7 @@ def test_bundle_and_seal_turn_about_the_last_joint(scene, name, form):
 
 
 def test_cogging_is_periodic_in_one_joint(scene):
-    for form in KINDS["cogging"].forms:
-        p, one = made("cogging", form, scene)
+    for form, p, one in each("cogging", scene):
         seen = one.sensor(scene.nominal) - scene.nominal
         angle = p["per_turn"] * scene.motion(scene.grid)[0][:, p["joint"] - 1]
         columns = np.stack([np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle)], 1)
@@ -265,8 +261,7 @@ def test_cogging_is_periodic_in_one_joint(scene):
 
 
 def test_warm_motors_obey_the_equation_of_heat(scene):
-    for form in KINDS["warm_motors"].forms:
-        p, one = made("warm_motors", form, scene)
+    for form, p, one in each("warm_motors", scene):
         t = scene.stamps
         squared = scene.motion(t)[1] ** 2
         power = squared.sum(1) if form == "all_joints" else squared[:, p["joint"] - 1]
@@ -294,8 +289,7 @@ def test_gauges_that_bend_do_so_by_the_load(scene):
 
 @pytest.mark.parametrize("name", ["ageing", "supply", "warm_gauge"])
 def test_a_sensitivity_that_changes_scales_the_load(scene, name):
-    for form in KINDS[name].forms:
-        p, one = made(name, form, scene)
+    for form, p, one in each(name, scene):
         factor = one.sensor(np.ones_like(scene.nominal))
         np.testing.assert_allclose(one.sensor(scene.nominal), factor * scene.nominal)
         course = (factor - 1) / np.broadcast_to(p.get("share", p.get("per_kelvin")), 6)
@@ -315,8 +309,7 @@ def test_a_sensitivity_that_changes_scales_the_load(scene, name):
 
 def test_a_bias_follows_time_temperature_or_the_mains(scene):
     t = np.arange(0, 40, 0.001)
-    for form in KINDS["regulator"].forms:
-        p, one = made("regulator", form, scene)
+    for _, p, one in each("regulator", scene):
         np.testing.assert_allclose(one.slow(t + p["period"]), one.slow(t), atol=1e-9)
         np.testing.assert_allclose(np.abs(one.slow(t)).max(0), np.abs(p["amplitude"]), rtol=1e-3)
     constant = replace(scene, temperature=lambda t: np.full(len(t), 31.0))
@@ -324,8 +317,7 @@ def test_a_bias_follows_time_temperature_or_the_mains(scene):
     assert np.abs(KINDS["warm_side"].build("gradient", p, constant).slow(t)).max() < 1e-12
     warm = KINDS["warm_side"].build("square", p, constant).slow(t)
     np.testing.assert_allclose(warm, 3.6 * np.array(p["per_kelvin"]) + 0 * warm)
-    for form in KINDS["hum"].forms:
-        p, one = made("hum", form, scene)
+    for form, p, one in each("hum", scene):
         power = np.abs(np.fft.rfft(one.slow(t)[:, 0] * np.hanning(len(t))))
         hz = np.fft.rfftfreq(len(t), 0.001)
         assert hz[power.argmax()] == pytest.approx(p["hz"], abs=0.05)
@@ -334,8 +326,7 @@ def test_a_bias_follows_time_temperature_or_the_mains(scene):
 
 
 def test_a_pump_pushes_along_one_line_at_its_frequency(scene, path):
-    for form in KINDS["pump"].forms:
-        p, one = made("pump", form, scene)
+    for form, p, one in each("pump", scene):
         force = in_base(path, pushed(one, scene)[:, :3])
         wave = force @ np.array(p["force"]) / np.dot(p["force"], p["force"])
         np.testing.assert_allclose(force, wave[:, None] * np.array(p["force"]), atol=1e-9)
@@ -387,8 +378,7 @@ def test_what_is_switched_stays_in_the_tool_and_is_on_every_other_time(scene, pa
 
 
 def test_a_thicket_holds_back_near_its_middle_only(scene, path):
-    for form in KINDS["thicket"].forms:
-        p, one = made("thicket", form, scene)
+    for _, p, one in each("thicket", scene):
         force, v = in_base(path, pushed(one, scene)[:, :3]), path.velocity(np.array(p["point"]))
         far = np.linalg.norm(path.points(np.array(p["point"])) - p["middle"], axis=1) > 2 * p["reach"]
         assert ((force * v).sum(1) <= 1e-12).all()
@@ -397,8 +387,7 @@ def test_a_thicket_holds_back_near_its_middle_only(scene, path):
 
 
 def test_a_bench_pushes_out_along_its_normal_and_holds_back_along_itself(scene, path):
-    for form in KINDS["bench"].forms:
-        p, one = made("bench", form, scene)
+    for _, p, one in each("bench", scene):
         normal, at = np.array(p["normal"]), path.points(np.array(p["point"]))
         force, v = in_base(path, pushed(one, scene)[:, :3]), path.velocity(np.array(p["point"]))
         depth, out = at @ normal - p["offset"], force @ normal
