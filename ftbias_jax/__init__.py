@@ -27,118 +27,74 @@ environment says ``FTBIAS_CACHE=off``. What is part of your own programs (``para
 Names are imported when they are first used, so importing this package imports neither JAX nor numpy.
 """
 
-from __future__ import annotations
-
 import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ftbias_jax.calibration.identify import Identified
-    from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
-    from ftbias_jax.calibration.noise.values import constrain, unconstrain
-    from ftbias_jax.calibration.tune_result import TuneResult
-    from ftbias_jax.calibration.tune_setup import tune
-    from ftbias_jax.check.check_setup import check_setup
-    from ftbias_jax.check.result import Check, Mistake
-    from ftbias_jax.commissioning.calibrate import calibrate
-    from ftbias_jax.commissioning.each import diagnose_each, identify_each
-    from ftbias_jax.commissioning.payloads import Payloads, identify_payloads
-    from ftbias_jax.commissioning.result import Calibrated
-    from ftbias_jax.diagnosis.diagnose import diagnose
-    from ftbias_jax.diagnosis.pooled import diagnose_pooled
-    from ftbias_jax.diagnosis.result import Candidate, Diagnosis
-    from ftbias_jax.errors import FtbiasError, LogError, OutputError, SetupError, UsageError
-    from ftbias_jax.filtering.likelihood import log_likelihood
-    from ftbias_jax.filtering.method.filter_samples import filter_samples
-    from ftbias_jax.filtering.noise.blocks import layout_of
-    from ftbias_jax.filtering.params_for_log import params_for_log
-    from ftbias_jax.filtering.pipeline import Options, options_from_setup
-    from ftbias_jax.filtering.samples import samples_from_log
-    from ftbias_jax.filtering.verbs.from_setup import filter_log
-    from ftbias_jax.filtering.verbs.results import FilterResult, FilterResults
-    from ftbias_jax.filtering.verbs.setup_with import setup_with
-    from ftbias_jax.io import read_log
-    from ftbias_jax.io.log import Log, Repair
-    from ftbias_jax.io.tables.poses import Poses, read_poses
-    from ftbias_jax.model.effects.catalogue import CATALOGUE
-    from ftbias_jax.model.effects.types import Effect, Parameter, Signals, Twin
-    from ftbias_jax.model.own_effects import load_effects
-    from ftbias_jax.model.params import Params
-    from ftbias_jax.model.simulate_log import SimulationResult, Truth, simulate
-    from ftbias_jax.planning.plan import plan
-    from ftbias_jax.planning.result import Plan
-    from ftbias_jax.runtime.many import Results
-    from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
-    from ftbias_jax.simulators.sensor_file import load_sensor_model, sensor_model
-    from ftbias_jax.simulators.sensor_model import SensorModel
-    from ftbias_jax.types import Sample
+    from ftbias_jax.calibration.identify import Identified as Identified
+    from ftbias_jax.calibration.identify_tool import IdentifyResult as IdentifyResult
+    from ftbias_jax.calibration.identify_tool import identify_tool as identify_tool
+    from ftbias_jax.calibration.noise.values import constrain as constrain
+    from ftbias_jax.calibration.noise.values import unconstrain as unconstrain
+    from ftbias_jax.calibration.tune_result import TuneResult as TuneResult
+    from ftbias_jax.calibration.tune_setup import tune as tune
+    from ftbias_jax.check.check_setup import check_setup as check_setup
+    from ftbias_jax.check.result import Check as Check
+    from ftbias_jax.check.result import Mistake as Mistake
+    from ftbias_jax.commissioning.calibrate import calibrate as calibrate
+    from ftbias_jax.commissioning.each import diagnose_each as diagnose_each
+    from ftbias_jax.commissioning.each import identify_each as identify_each
+    from ftbias_jax.commissioning.payloads import Payloads as Payloads
+    from ftbias_jax.commissioning.payloads import identify_payloads as identify_payloads
+    from ftbias_jax.commissioning.result import Calibrated as Calibrated
+    from ftbias_jax.diagnosis.diagnose import diagnose as diagnose
+    from ftbias_jax.diagnosis.pooled import diagnose_pooled as diagnose_pooled
+    from ftbias_jax.diagnosis.result import Candidate as Candidate
+    from ftbias_jax.diagnosis.result import Diagnosis as Diagnosis
+    from ftbias_jax.errors import FtbiasError as FtbiasError
+    from ftbias_jax.errors import LogError as LogError
+    from ftbias_jax.errors import OutputError as OutputError
+    from ftbias_jax.errors import SetupError as SetupError
+    from ftbias_jax.errors import UsageError as UsageError
+    from ftbias_jax.filtering.likelihood import log_likelihood as log_likelihood
+    from ftbias_jax.filtering.method.filter_samples import filter_samples as filter_samples
+    from ftbias_jax.filtering.noise.blocks import layout_of as layout_of
+    from ftbias_jax.filtering.params_for_log import params_for_log as params_for_log
+    from ftbias_jax.filtering.pipeline import Options as Options
+    from ftbias_jax.filtering.pipeline import options_from_setup as options_from_setup
+    from ftbias_jax.filtering.samples import samples_from_log as samples_from_log
+    from ftbias_jax.filtering.verbs.from_setup import filter_log as filter_log
+    from ftbias_jax.filtering.verbs.results import FilterResult as FilterResult
+    from ftbias_jax.filtering.verbs.results import FilterResults as FilterResults
+    from ftbias_jax.filtering.verbs.setup_with import setup_with as setup_with
+    from ftbias_jax.io import read_log as read_log
+    from ftbias_jax.io.log import Log as Log
+    from ftbias_jax.io.log import Repair as Repair
+    from ftbias_jax.io.tables.poses import Poses as Poses
+    from ftbias_jax.io.tables.poses import read_poses as read_poses
+    from ftbias_jax.model.effects.catalogue import CATALOGUE as CATALOGUE
+    from ftbias_jax.model.effects.types import Effect as Effect
+    from ftbias_jax.model.effects.types import Parameter as Parameter
+    from ftbias_jax.model.effects.types import Signals as Signals
+    from ftbias_jax.model.effects.types import Twin as Twin
+    from ftbias_jax.model.own_effects import load_effects as load_effects
+    from ftbias_jax.model.params import Params as Params
+    from ftbias_jax.model.simulate_log import SimulationResult as SimulationResult
+    from ftbias_jax.model.simulate_log import Truth as Truth
+    from ftbias_jax.model.simulate_log import simulate as simulate
+    from ftbias_jax.planning.plan import plan as plan
+    from ftbias_jax.planning.result import Plan as Plan
+    from ftbias_jax.runtime.many import Results as Results
+    from ftbias_jax.setup import Setup as Setup
+    from ftbias_jax.setup import dump_setup as dump_setup
+    from ftbias_jax.setup import load_setup as load_setup
+    from ftbias_jax.setup import parse_setup as parse_setup
+    from ftbias_jax.simulators.sensor_file import load_sensor_model as load_sensor_model
+    from ftbias_jax.simulators.sensor_file import sensor_model as sensor_model
+    from ftbias_jax.simulators.sensor_model import SensorModel as SensorModel
+    from ftbias_jax.types import Sample as Sample
 
 __version__ = "0.1.0"
-
-__all__ = [
-    "CATALOGUE",
-    "Calibrated",
-    "Candidate",
-    "Check",
-    "Diagnosis",
-    "Effect",
-    "FilterResult",
-    "FilterResults",
-    "FtbiasError",
-    "Identified",
-    "IdentifyResult",
-    "Log",
-    "LogError",
-    "Mistake",
-    "Options",
-    "OutputError",
-    "Parameter",
-    "Params",
-    "Payloads",
-    "Plan",
-    "Poses",
-    "Repair",
-    "Results",
-    "Sample",
-    "SensorModel",
-    "Setup",
-    "SetupError",
-    "Signals",
-    "SimulationResult",
-    "Truth",
-    "TuneResult",
-    "Twin",
-    "UsageError",
-    "calibrate",
-    "check_setup",
-    "constrain",
-    "diagnose",
-    "diagnose_each",
-    "diagnose_pooled",
-    "dump_setup",
-    "filter_log",
-    "filter_samples",
-    "identify_each",
-    "identify_payloads",
-    "identify_tool",
-    "layout_of",
-    "load_effects",
-    "load_sensor_model",
-    "load_setup",
-    "log_likelihood",
-    "options_from_setup",
-    "params_for_log",
-    "parse_setup",
-    "plan",
-    "read_log",
-    "read_poses",
-    "samples_from_log",
-    "sensor_model",
-    "setup_with",
-    "simulate",
-    "tune",
-    "unconstrain",
-]
 
 _MODULES = {
     "calibration.noise.values": "constrain unconstrain",
@@ -182,6 +138,7 @@ _MODULES = {
     "types": "Sample",
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names.split()}
+__all__ = sorted(_MODULE_OF)
 
 
 def __getattr__(name: str) -> Any:

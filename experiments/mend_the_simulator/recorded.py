@@ -7,6 +7,7 @@ import json
 import sys
 from dataclasses import replace
 from functools import partial
+from itertools import permutations
 from pathlib import Path
 
 import jax
@@ -71,9 +72,9 @@ def main():
         return
     setup, whole = abb(real)
     cases = {"ABB: second half after the first": (setup, *halves(setup, whole))}
-    setup, first = panda(real, 1)
-    for other in (2, 3):
-        cases[f"Panda: log {other} after log 1"] = (setup, first, panda(real, other)[1])
+    for one, other in permutations((1, 2, 3), 2):
+        setup, first = panda(real, one)
+        cases[f"Panda: log {other} after log {one}"] = (setup, first, panda(real, other)[1])
     found = {}
     for name, case in cases.items():
         found[name] = judged(*case)

@@ -28,7 +28,7 @@ from ftbias_jax.simulators.validate import validate
 
 SCENE = Path(__file__).with_name("scene.xml")
 TOML = '[robot]\nmjcf = "scene.xml"\n\n[sensor]\nnoise_std = [0.05, 0.002]\n'
-DURATION, RATE, FIRST, EACH = 40.0, 200.0, 3, 3
+DURATION, RATE, FIRST, EACH = 40.0, 200.0, 6, 3
 """s, Hz, and the number of the first case of each kind: those before were looked at while the method was made."""
 DRAWS, TARE = 60, 1.0
 """Simulators for each band, 0 = no bands; s at the start over which recording and simulations are set to zero."""

@@ -42,6 +42,8 @@ VERBS = {
     "identify": "identifying from",
     "tune": "tuning to",
 }
+BUNDLE = 1.0
+"""s of work that a cluster's worker is given at once."""
 KILLED = "its process was killed: too little memory? (give it more, or work on it alone)"
 
 
@@ -220,7 +222,7 @@ def _on_cluster(
         task._replace(log=from_anywhere(task.log), files=tuple(map(from_anywhere, task.files))) for task in tasks
     )
     with executor_of(name) as executor:
-        yield from run_with(executor, work, everywhere, jobs if jobs > 1 else IN_FLIGHT)
+        yield from run_with(executor, work, everywhere, jobs if jobs > 1 else IN_FLIGHT, BUNDLE)
 
 
 def do_task(task: Task, job: Job) -> Entry:

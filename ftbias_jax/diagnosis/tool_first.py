@@ -1,7 +1,5 @@
 """A tool that may be wrong is fitted beside every cause, because its error looks like other causes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection
 from typing import NamedTuple
 
@@ -50,7 +48,7 @@ def search_causes(
     drafted = is_draft(setup) and not excluded
     plain = None if drafted else Searched(base, *search(problem, base, hold_out, without, progress))
     least = enough(problem, base)
-    if plain and (_is_simple(problem, plain.accepted, least) or excluded):
+    if plain and (excluded or (_is_simple(problem, plain.accepted, least) and not _stands_for_tool(problem, plain))):
         return plain
     progress("trying causes beside a wrong tool")
     beside = _beside_tool(problem, base, hold_out, without)
@@ -88,6 +86,11 @@ def _is_simple(problem: Problem, found: Fit, least: float) -> bool:
     doubtful = names & (_of_tool(problem).keys() | _like_tool(problem))
     doubtful |= {name for name in names if problem.catalogue[name].fit.any_shape}
     return len(names) < 2 and gap_of(problem, found) <= (LEAST_SIGMAS**2 if doubtful else least)
+
+
+def _stands_for_tool(problem: Problem, found: Searched) -> bool:
+    """Whether one cause has more numbers than mass and centre of mass, neither of which explains all alone."""
+    return bool(found.accepted.hypotheses) and score(with_tool(problem, found.start), found.accepted) > LEAST_GAIN
 
 
 def _departs(problem: Problem, found: Fit, h: Hypothesis) -> bool:

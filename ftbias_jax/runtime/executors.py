@@ -1,6 +1,7 @@
 """Tasks done by the executor of a cluster that people already run: Dask, Ray, MPI, or any of ``concurrent.futures``."""
 
 import importlib
+import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
@@ -15,7 +16,9 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 IN_FLIGHT = 64
-"""Tasks that an executor is given at a time: enough for as many workers, few enough to hold what they need."""
+"""Bundles of tasks that an executor is given at a time: enough for as many workers, few enough to hold."""
+MOST_TOGETHER = 32
+"""Tasks of a bundle."""
 TRIES = 2
 """Of a task whose worker is lost."""
 PATIENCE = 20
@@ -31,7 +34,11 @@ class Own(Executor):
 
 
 def run_with(
-    executor: Executor, work: Callable[[Task], Result], tasks: Iterable[Task], in_flight: int = IN_FLIGHT
+    executor: Executor,
+    work: Callable[[Task], Result],
+    tasks: Iterable[Task],
+    in_flight: int = IN_FLIGHT,
+    seconds: float = 0.0,
 ) -> Iterator[tuple[Task, Result | None]]:
     """Every task with its result as it gets ready, or with None if its workers were lost again and again.
 
@@ -39,45 +46,52 @@ def run_with(
         executor: the caller's own, which stays open.
         work: what to do, in float64; can be pickled. What it raises is raised here.
         tasks: each once; taken from a generator as workers get free.
-        in_flight: tasks at a time.
+        in_flight: bundles of tasks at a time.
+        seconds: of work in a bundle, as those before took: a scheduler takes milliseconds to hand one out. 0 = a task
+            by itself, also where tasks hold much data.
 
     Raises:
         UsageError: the executor takes no more tasks.
     """
-    waiting, flying = iter(tasks), dict[Future[tuple[Result | None, Exception | None]], tuple[Task, int]]()
+    waiting, together = iter(tasks), 1
+    flying = dict[Future[tuple[list[Result], Exception | None, float]], tuple[tuple[Task, ...], int]]()
 
-    def submit(task: Task, tried: int) -> None:
+    def submit(bundle: tuple[Task, ...], tried: int) -> None:
         how = executor.again if tried and isinstance(executor, Own) else executor.submit
         try:
-            flying[how(_in_float64, work, task)] = task, tried + 1
+            flying[how(_in_float64, work, bundle)] = bundle, tried + 1
         except (BrokenExecutor, RuntimeError) as error:
             message = f"the executor takes no more tasks: {error}"
             raise UsageError(message, field="executor", remedy="start it again; what is done stays done") from error
 
     while True:
-        for task in islice(waiting, in_flight - len(flying)):
-            submit(task, 0)
+        while len(flying) < in_flight and (bundle := tuple(islice(waiting, together))):
+            submit(bundle, 0)
         if not flying:
             return
         for future in wait(flying, return_when=FIRST_COMPLETED).done:
-            task, tried = flying.pop(future)
+            bundle, tried = flying.pop(future)
             if future.exception() is None:
-                result, error = future.result()
+                results, error, took = future.result()
                 if error is not None:
                     raise error
-                yield task, result
+                together = min(max(int(seconds * len(bundle) / max(took, 1e-9)), 1), MOST_TOGETHER)
+                yield from zip(bundle, results, strict=True)
             elif tried < TRIES:
-                submit(task, tried)
+                for task in bundle:  # by itself: the guilty one shows when it is alone
+                    submit((task,), tried)
             else:
-                yield task, None
+                yield from ((task, None) for task in bundle)
 
 
-def _in_float64(work: Callable[[Task], Result], task: Task) -> tuple[Result | None, Exception | None]:
-    """The result, or what the work raised: an exception of its own is no loss of a worker."""
+def _in_float64(work: Callable[[Task], Result], bundle: Iterable[Task]) -> tuple[list[Result], Exception | None, float]:
+    """The results, or what the work raised: an exception of its own is no loss of a worker; and the seconds it took."""
+    started, results = time.perf_counter(), list[Result]()
     try:
-        return in_float64(work)(task), None
+        results += map(in_float64(work), bundle)
     except Exception as error:
-        return None, error
+        return results, error, 0.0
+    return results, None, time.perf_counter() - started
 
 
 @contextmanager

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import pytest
 
 from ftbias_jax.errors import UsageError
-from ftbias_jax.runtime.executors import TRIES, executor_of, run_with
+from ftbias_jax.runtime.executors import MOST_TOGETHER, TRIES, executor_of, run_with
 
 
 def doubled(number):
@@ -24,8 +24,9 @@ class Losing(Executor):
         future = Future()
         self.flying += 1
         self.most = max(self.most, self.flying)
-        if self.losses.get(args[-1], 0):
-            self.losses[args[-1]] -= 1
+        lost = [task for task in args[-1] if self.losses.get(task, 0)]
+        if lost:
+            self.losses[lost[0]] -= 1
             future.set_exception(RuntimeError("worker lost"))
         else:
             future.set_result(fn(*args))
@@ -44,6 +45,16 @@ def test_every_task_is_done_in_double_precision(kind):
 def test_a_task_whose_worker_is_lost_is_done_again_and_given_up_in_the_end():
     found = dict(run_with(Losing({1: TRIES - 1, 2: TRIES}), str, range(4)))
     assert found == {0: "0", 1: "1", 2: None, 3: "3"}
+
+
+def test_quick_tasks_go_together_and_each_by_itself_once_their_worker_is_lost():
+    losing, bundles = Losing({10: 1, 20: TRIES}), []
+    submit = losing.submit
+    losing.submit = lambda fn, work, bundle: bundles.append(bundle) or submit(fn, work, bundle)
+    found = dict(run_with(losing, str, range(50), in_flight=2, seconds=10.0))
+    assert found == {number: None if number == 20 else str(number) for number in range(50)}
+    assert max(map(len, bundles)) == MOST_TOGETHER
+    assert [bundle for bundle in bundles if 10 in bundle][1:] == [(10,)]
 
 
 def test_what_the_work_raises_is_raised_and_is_no_loss():

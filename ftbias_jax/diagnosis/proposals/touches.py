@@ -1,6 +1,7 @@
 """Events of any shape in time, such as contacts: when something pushed the tool, and with which wrench."""
 
 from collections.abc import Collection, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -30,10 +31,15 @@ def touches(
     names = [effect.name for effect in searched_by(problem, taken, Touches)]
     if not names or not library.events:
         return []
-    alone = robust_rest(smooth, accepted.error)
-    events, found = _pursue(library, alone), list[Found]()
-    for name in names if events else ():
-        trimmed = _trimmed(problem, name, alone, merge(events))
+    alone, found = robust_rest(smooth, accepted.error), list[Found]()
+    # What lasts is more surely seen by its sudden ends, as a filter does, than by pulses that add up to it; other
+    # causes, which may be anything beside it, would then take a part of it.
+    seen = [Event(log, one.start, one.end) for log, part in enumerate(problem.parts) for one in part.touched.contacts]
+    ways = ((_pursue(library, alone), alone), (seen, accepted.error))
+    for name, (events, error) in product(names, ways):
+        if not events:
+            continue
+        trimmed = _trimmed(problem, name, error, merge(events))
         shapes = [shaped_events(problem, name, trimmed, tents) for tents in SHAPES]
         gains = [
             (_gain(accepted, whitened_series(problem, h.shapes)), h)
@@ -116,12 +122,12 @@ def robust_rest(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
     return rest
 
 
-def _trimmed(problem: Problem, effect: str, alone: np.ndarray, events: list[Event]) -> list[Event]:
-    """Events that begin and end where the data (U, 6) put it."""
+def _trimmed(problem: Problem, effect: str, error: np.ndarray, events: list[Event]) -> list[Event]:
+    """Events that begin and end where innovations (U, 6) put it."""
     for _ in range(TRIMS):
         h = shaped_events(problem, effect, events, TRIM_HATS)
         white = whitened_series(problem, h.shapes)
-        coefficients, _ = projection(white)(alone[None])
+        coefficients, _ = projection(white)(error[None])
         nats = ((coefficients.reshape(-1, 1, 6) * white) ** 2).sum((1, 2)) / 2
         by_event = np.split(nats, np.cumsum([one.series for one in shaped(h)]))
         trimmed = [part for event, nats in zip(events, by_event[:-1], strict=True) for part in parts_of(event, nats)]

@@ -13,6 +13,7 @@ from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.touches import takes_most
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import stand
+from ftbias_jax.diagnosis.regression.series import shaped
 from ftbias_jax.diagnosis.search import gap_of
 from ftbias_jax.diagnosis.terms.fit_terms import Solved
 from ftbias_jax.diagnosis.terms.library import merit_of
@@ -26,6 +27,8 @@ from ftbias_jax.model.effects.terms.types import Term
 FORCES = np.repeat([True, False], 3)
 GRAVITY = "orientation"
 """The drive of terms that may be a tool or a mounting that is not as stated."""
+OF_AN_EVENT = 8
+"""Numbers: start, end, and a wrench."""
 SAME: dict[type, str] = {StepSearch: "time", Touches: "time", Pull: "position"}
 """Search of an effect that takes many shapes -> the drive of terms that say the same of it."""
 
@@ -84,7 +87,7 @@ def describe(
         gain = scored[0].fit.log_likelihood - kept.log_likelihood
         # What the caller brought has a name and a remedy: a term of the same form does not take its place.
         ahead = 1.0 if scored[0].hypothesis.effect in CATALOGUE else CLEARLY
-        better = found and found[0][0] > ahead * merit_of(gain, scored[0].fit.degrees - kept.degrees)
+        better = found and found[0][0] > ahead * merit_of(gain, _numbers(scored[0].fit) - _numbers(kept))
         # Contact that takes most of a log leaves too little free motion to judge a term of the motion by.
         if better and not takes_most(scored[0].hypothesis, problem) and not says(problem, scored[0], kept, found[0][1]):
             break  # a single term does better
@@ -105,15 +108,24 @@ def describe(
     if not explained and not stands and not _holds(problem, hold_out, base, fit, accepted, 1 - NEARLY):
         return answer
     if explained:
-        numbers = kept.degrees + sum(numbers_of(term) for term in steps[-1].described.terms)
+        numbers = _numbers(kept) + sum(numbers_of(term) for term in steps[-1].described.terms)
         ours, theirs = (
             merit_of(one.log_likelihood - base.log_likelihood, count)
-            for one, count in ((fit, numbers), (accepted, accepted.degrees))
+            for one, count in ((fit, numbers), (accepted, _numbers(accepted)))
         )
         if ours < CLEARLY * theirs or not _holds(problem, hold_out, base, fit, accepted, AS_WELL):
             return answer
     moved = kept._replace(z=fit.z, coefficients=fit.coefficients) if kept.hypotheses else kept
     return Outcome(Description(moved, said, fit, tuple(steps), search))
+
+
+def _numbers(found: Fit) -> int:
+    """Free numbers of a fit that its form has: of an event of any shape, when it was, and how much.
+
+    The hats that make up its shape are no form.
+    """
+    events = [(len(h.shapes), len(shaped(h))) for h in found.hypotheses if h.local]
+    return found.degrees - sum(6 * hats - OF_AN_EVENT * count for hats, count in events)
 
 
 def follows_something(problem: Problem, base: Fit, hold_out: Judge) -> bool:
