@@ -94,6 +94,17 @@ def test_a_contact_beside_a_wrong_tool_is_told_apart(setup, record):
 
 
 @pytest.mark.slow
+def test_presses_that_last_for_a_third_of_a_log_are_contact(setup, record):
+    start, force = np.array([3.0, 7.0, 11.5]), np.array([[3.0, 1.0, 2.0], [0.0, 4.0, -1.0], [-2.0, 0.0, 3.0]])
+    effects = {"contact": {"start": start, "end": start + np.array([2.6, 2.9, 2.2]), "force": force}}
+    diagnosis = diagnose(setup, [record(effects)], ["pressed"])
+    assert [cause.effect for cause in diagnosis.causes] == ["contact"]
+    assert not diagnosis.terms
+    np.testing.assert_allclose(diagnosis.causes[0].parameters["start"], start, atol=0.2)
+    assert diagnosis.gap.shrink > 0.95
+
+
+@pytest.mark.slow
 def test_without_its_name_in_the_catalogue_the_gap_is_not_explained_away(setup, record):
     log = record({"tool_mass": {"mass": jnp.array(0.96)}})
     withheld = ("tool_mass", "gain", "crosstalk")

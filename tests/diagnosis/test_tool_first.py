@@ -94,3 +94,11 @@ def test_what_looks_like_a_tool_is_told_beside_it_and_leaves_it_right(effect, tr
     if effect == "gain":
         (gain,) = (cause for cause in found.causes if cause.effect == "gain")
         assert np.flatnonzero(gain.stderr["gain"]).tolist() == [0]
+
+
+def test_a_weight_beside_the_stated_one_is_a_tool_and_no_cable():
+    log = simulate(TRUE, duration=20, rate=100, seed=13).log
+    found = diagnose(with_tool(0.99, np.array([0.0, 0.001, 0.0])), [log])
+    assert {cause.effect for cause in found.causes} == {"tool_mass", "tool_com"}
+    assert not found.terms
+    assert_tool_found(found)
