@@ -9,13 +9,9 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-import pytest
-
-rosbags = pytest.importorskip("rosbags")
-
-from rosbags import rosbag1, rosbag2  # noqa: E402
-from rosbags.interfaces import Nodetype  # noqa: E402
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
+from rosbags import rosbag1, rosbag2
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 FORMATS = {
     "ros1": "log.bag",

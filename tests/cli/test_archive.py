@@ -6,6 +6,7 @@ import os
 
 import numpy as np
 import pytest
+from pyarrow import parquet
 from small_archive import SETUP, assert_same_outputs, filter_archive, manifest, outputs, write_log
 
 from ftbias_jax.cli import archive
@@ -211,7 +212,6 @@ def test_the_manifest_has_the_quality_of_every_log(logs):
 
 
 def test_the_manifest_is_also_a_table(logs):
-    parquet = pytest.importorskip("pyarrow.parquet")
     assert filter_archive("logs") == 0
     table = parquet.read_table("out/manifest.filter.parquet").to_pydict()
     assert table["log"] == [entry.log for entry in manifest()]

@@ -24,8 +24,6 @@ NAMES = ["b.npz", "day/a.npz", "day/c.npz"]
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     """Address of a server that is a process of its own."""
-    pytest.importorskip("moto", reason="needs moto[server]")
-    pytest.importorskip("s3fs", reason="needs the extra s3")
     words = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", "0"]
     said = tmp_path_factory.mktemp("server") / "said.txt"
     with open(said, "w") as file:

@@ -20,7 +20,6 @@ def started(module, *arguments):
 @pytest.fixture
 def cluster():
     """Address of a scheduler with two workers, and the processes of the workers."""
-    pytest.importorskip("distributed", reason="Dask is not installed")
     scheduler = started("distributed.cli.dask_scheduler", "--port", "0", "--host", "127.0.0.1", "--no-dashboard")
     address = next(line.split()[-1] for line in scheduler.stderr if "Scheduler at:" in line)
     plain = ("--nthreads", "1", "--no-nanny", "--no-dashboard")

@@ -13,9 +13,13 @@ import time
 import zlib
 from dataclasses import replace
 
+import h5py
 import numpy as np
+import pyarrow as arrow
 import pytest
 import recordings
+import zstandard
+from pyarrow import parquet
 from recordings import bag_of, bag_record
 
 from ftbias_jax.cli.main import main
@@ -103,7 +107,6 @@ def test_folders_whose_links_lead_back_are_searched_once(tmp_path):
 
 
 def parquet_of(path, constant, blocks, dictionary):
-    arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     block = arrow.table([arrow.array(constant)] * len(COLUMNS), names=COLUMNS)
     with parquet.ParquetWriter(path, block.schema, compression="zstd", use_dictionary=dictionary) as writer:
         for _ in range(blocks):
@@ -122,7 +125,7 @@ def test_a_parquet_whose_numbers_fill_the_memory(tmp_path, refused, dictionary):
 def test_a_page_of_a_parquet_that_declares_more_than_its_footer(tmp_path, refused):
     """Two gigabytes in the header of one page, of which the footer says nothing: its column is the last of the file."""
     path = parquet_of(tmp_path / "log.parquet", np.arange(1000.0), 1, False)
-    metadata = pytest.importorskip("pyarrow.parquet").ParquetFile(path).metadata
+    metadata = parquet.ParquetFile(path).metadata
     last = metadata.row_group(0).column(len(COLUMNS) - 1)
     content, at = path.read_bytes(), last.data_page_offset + 3  # behind the page's kind: its size, unpacked
     size = content.index(b"\x15", at)
@@ -142,7 +145,6 @@ def test_a_parquet_of_one_long_text_repeated(tmp_path, refused):
 
 
 def test_two_joints_of_one_name_in_a_parquet_are_told_with_the_file(tmp_path, capsys):
-    arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     names = ["t", "q0", "q0", *COLUMNS[3:]]
     parquet.write_table(arrow.table([arrow.array(np.arange(10.0))] * len(names), names=names), tmp_path / "log.parquet")
     assert main(["info", str(tmp_path / "log.parquet")]) == 1
@@ -150,7 +152,7 @@ def test_two_joints_of_one_name_in_a_parquet_are_told_with_the_file(tmp_path, ca
 
 
 def hdf5_with(path, chunk, packed):
-    with pytest.importorskip("h5py").File(path, "w") as root:
+    with h5py.File(path, "w") as root:
         root["t"], root["wrench"] = np.arange(1000) * 0.01, np.ones((1000, 6))
         shape = {"shape": (1000, 2), "maxshape": (None, 2), "chunks": (chunk, 2), "dtype": "f8"}
         root.create_dataset("q", compression="gzip", **shape).id.write_direct_chunk((0, 0), packed)
@@ -208,7 +210,7 @@ def mcap_text(text):
 
 
 def mcap_chunk(records):
-    packed = pytest.importorskip("zstandard").compress(records)
+    packed = zstandard.compress(records)
     header = struct.pack("<QQQI", 0, 0, len(records), 0) + mcap_text(b"zstd")
     return mcap_record(6, header + struct.pack("<Q", len(packed)) + packed)
 

@@ -9,6 +9,8 @@ import struct
 import numpy as np
 import pytest
 import recordings
+import zstandard
+from mcap_ros2 import writer
 from recordings import START, Joints, Wrench, bag_of
 
 from ftbias_jax.errors import LogError
@@ -96,7 +98,6 @@ def test_a_flipped_bit_in_an_mcap_chunk_loses_the_chunk_instead_of_a_digit(tmp_p
 
 def mcap_of(published):
     """An MCAP file with many small chunks, written by the package mcap-ros2-support."""
-    writer = pytest.importorskip("mcap_ros2.writer")
     header = "std_msgs/Header header\n"
     schemas = {
         Joints: ("sensor_msgs/msg/JointState", header + "string[] name\nfloat64[] position\nfloat64[] velocity\n"),
@@ -167,7 +168,6 @@ def test_damage_in_many_places_is_told_in_few_lines(tmp_path, setup, long_log):
 
 
 def test_messages_that_are_bombs_are_refused(tmp_path, setup, monkeypatch):
-    zstandard = pytest.importorskip("zstandard")
     path = recordings.write(tmp_path, "sqlite", recordings.messages())
     with sqlite3.connect(path) as database:
         database.execute("UPDATE messages SET data = ? WHERE id = 5", [zstandard.compress(bytes(50 << 20))])
@@ -179,7 +179,6 @@ def test_messages_that_are_bombs_are_refused(tmp_path, setup, monkeypatch):
 
 
 def test_files_that_are_bombs_are_refused(tmp_path, setup, monkeypatch):
-    zstandard = pytest.importorskip("zstandard")
     monkeypatch.setattr(budget, "SMALL", 1 << 16)
     (tmp_path / "log.db3.zstd").write_bytes(zstandard.compress(bytes(50 << 20)))
     with pytest.raises(LogError, match=r"log\.db3\.zstd: unpacks to more than \d+ bytes"):

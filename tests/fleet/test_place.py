@@ -1,5 +1,6 @@
 """Archives in buckets, in a store of fsspec in memory: what is published when, and what a killed process leaves."""
 
+import fsspec
 import pytest
 
 from ftbias_jax.errors import LogError, OutputError
@@ -12,7 +13,6 @@ NAME = "manifest.filter.jsonl"
 
 @pytest.fixture
 def store():
-    fsspec = pytest.importorskip("fsspec", reason="needs the extra remote")
     memory = fsspec.filesystem("memory")
     yield memory
     if memory.exists("/bucket"):

@@ -4,6 +4,7 @@ import json
 import re
 from pathlib import Path
 
+import fsspec
 import made_fleets
 import numpy as np
 import pytest
@@ -131,7 +132,7 @@ def test_a_log_leads_to_the_report_of_its_diagnosis(folder):
 
 
 def test_a_log_in_a_bucket_leads_to_its_report_there(capsys):
-    memory = pytest.importorskip("fsspec", reason="needs the extra remote").filesystem("memory")
+    memory = fsspec.filesystem("memory")
     bucket = Place("memory://fleet/cell 2")
     gap = Entry("log", "059.json", "diagnose", OK, state=LogState(1, 10**18, 0, ""), quality={"verdict": "unknown"})
     with bucket.growing("manifest.diagnose.jsonl") as growing, Manifest(*growing) as manifest:

@@ -2,20 +2,18 @@
 
 import sys
 
+import h5py
 import log_files
 import numpy as np
+import pyarrow as arrow
 import pytest
 import recordings
 from one_line import reading_fails as fails
+from pyarrow import parquet as pq
 
 from ftbias_jax.io import read_log
 from ftbias_jax.io.limits import budget
 from ftbias_jax.io.log import Log
-
-h5py = pytest.importorskip("h5py")
-arrow = pytest.importorskip("pyarrow")
-pq = pytest.importorskip("pyarrow.parquet")
-
 
 FIELDS = ("t", "q", "dq", "wrench")
 

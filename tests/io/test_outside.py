@@ -3,6 +3,7 @@
 import os
 import shlex
 
+import fsspec
 import made_scenes
 import numpy as np
 import pytest
@@ -64,7 +65,6 @@ def test_a_setup_reads_nothing_outside_without_the_users_word(folder, tmp_path, 
         monkeypatch.setattr(fetch, door, lambda url: pytest.fail(f"connects to {url}"))
     monkeypatch.setattr(entry, "size_and_time", fetch.size_and_time)
     if "scene.xml" in words:
-        pytest.importorskip("mujoco", reason="MuJoCo is not installed")
         made_scenes.write(folder)
     state(outside(tmp_path)[which])
     assert main(shlex.split(words)) == 1
@@ -102,7 +102,7 @@ def test_the_file_that_names_a_log_is_no_way_out_for_a_link(folder, tmp_path, ca
 
 @pytest.mark.parametrize("log", ["1_ft.npz", "../logs/1_ft.npz", ".."])
 def test_with_the_users_word_an_address_is_read_wherever_the_log_is(folder, log):
-    memory = pytest.importorskip("fsspec", reason="needs the extra remote").filesystem("memory")
+    memory = fsspec.filesystem("memory")
     memory.put("1_joints.npz", "/joints.npz")
     os.unlink("1_joints.npz")
     state("memory://joints.npz")
@@ -191,7 +191,6 @@ def test_an_address_without_the_suffix_of_a_log_is_refused():
 
 
 def test_a_copy_lies_in_a_folder_of_its_own(tmp_path, monkeypatch):
-    fsspec = pytest.importorskip("fsspec", reason="needs the extra remote")
     monkeypatch.setattr("tempfile.tempdir", os.fspath(tmp_path))
     target = tmp_path / "treasure.npz"
     target.write_bytes(b"treasure")
@@ -229,7 +228,6 @@ def test_a_listing_names_what_is_in_it(name, folder, below):
 
 
 def test_a_hostile_listing_is_refused_and_an_ftp_listing_keeps_its_host(monkeypatch, tmp_path):
-    fsspec = pytest.importorskip("fsspec", reason="needs the extra remote")
 
     class Server(fsspec.AbstractFileSystem):
         protocol = "ftp"

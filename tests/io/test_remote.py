@@ -6,6 +6,7 @@ import os
 import sys
 import time
 
+import fsspec
 import numpy as np
 import pytest
 from small_archive import SETUP, filter_archive, manifest, outputs, write_log
@@ -23,7 +24,6 @@ from ftbias_jax.setup import load_setup
 @pytest.fixture
 def store(tmp_path, monkeypatch):
     """Three logs in a store in memory, and the setup in the current folder; a function gives the bytes of a file."""
-    fsspec = pytest.importorskip("fsspec", reason="needs the extra remote")
     monkeypatch.chdir(tmp_path)
     memory = fsspec.filesystem("memory")
     for seed, name in enumerate(["b.npz", "day/a.npz", "day/c.npz"]):
@@ -146,7 +146,6 @@ def test_without_fsspec_the_extra_is_named(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize("ask", [fetch.local_copy, fetch.listed])
 def test_what_a_server_says_is_told_without_secrets(monkeypatch, ask):
-    fsspec = pytest.importorskip("fsspec", reason="needs the extra remote")
 
     def fail(*_, **__):
         raise OSError("403, url='https://host/x.npz?sig=s%3Dig', user 'me', password p@ss or p%40ss, s=ig")

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from ftbias_jax.filtering.pipeline import predict_wrench
@@ -38,7 +39,6 @@ def axes_and_points(arm):
 
 
 def pinocchio(arm, q, dq, ddq):
-    pin = pytest.importorskip("pinocchio", reason="Pinocchio (pip install pin) is not installed")
     model = pin.Model()
     model.gravity.linear = GRAVITY
     parent, origin = 0, np.zeros(3)

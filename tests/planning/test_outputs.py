@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pages import Page
+from rosbags import highlevel as readers
 
 import ftbias_jax as ft
 from ftbias_jax.errors import UsageError
@@ -72,7 +73,6 @@ def test_a_trajectory_of_ros_has_the_motion_at_its_points(tmp_path):
 
 
 def test_a_bag_of_ros_has_the_same_trajectory_by_a_reader_of_others(tmp_path):
-    readers = pytest.importorskip("rosbags.highlevel")
     plan, path = made("panda"), tmp_path / "motion.mcap"
     plan.save_for(path, "bag")
     with readers.AnyReader([path]) as reader:

@@ -4,6 +4,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import pinocchio
 import pytest
 
 from ftbias_jax.setup.robots import BUILT_IN, built_in_robot, describe_robot
@@ -308,7 +309,6 @@ def written_urdf(rows, tip):
 @pytest.mark.parametrize("name", list(URDF))
 def test_arms_stand_where_pinocchio_puts_a_published_urdf(name):
     """And so does an arm that is read from the same URDF."""
-    pinocchio = pytest.importorskip("pinocchio")
     rows, tip, tolerance = URDF[name]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "arm.urdf")

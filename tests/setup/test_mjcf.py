@@ -2,6 +2,7 @@ import tomllib
 from dataclasses import replace
 
 import jax
+import mujoco
 import numpy as np
 import pytest
 from made_scenes import SCENE, TOML, reading_of_mujoco, write
@@ -11,8 +12,6 @@ from ftbias_jax.model.effects.compose import predict
 from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import load_setup, parse_setup
-
-mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
 JOINTS = tuple(f"joint{i}" for i in range(1, 8))
 

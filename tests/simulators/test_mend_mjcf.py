@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 import pytest
 from made_scenes import GRIPPER, SCENE, reading_of_mujoco, write
@@ -16,8 +17,6 @@ from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.mjcf import load_mjcf
 from ftbias_jax.simulators.mend_mjcf import mend_mjcf
 from ftbias_jax.simulators.replay import replay
-
-mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
 EFFECTS = {
     "tool_mass": {"mass": 0.9},

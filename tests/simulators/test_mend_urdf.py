@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 import pytest
 from made_scenes import URDF as ARM
@@ -67,7 +68,6 @@ def test_only_what_must_differ_does(urdf):
 
 
 def test_mujoco_reads_the_inertia_of_a_link_that_had_none(urdf, tmp_path):
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     start, end = ARM.index("    <inertial>"), ARM.index("  </link>\n  <joint")
     urdf.write_text(ARM[:start] + ARM[end:])
     tool = {"mass": 0.9, "center_of_mass": [0.02, 0.01, 0.15], "inertia": [0.003, 1e-4, 0.0, 0.0025, 2e-4, 0.002]}

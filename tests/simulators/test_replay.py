@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from made_scenes import SCENE, TOML, reading_of_mujoco, write
@@ -16,8 +17,6 @@ from ftbias_jax.setup.mjcf import load_mjcf
 from ftbias_jax.simulators.mend_mjcf import mend_mjcf
 from ftbias_jax.simulators.replay import MODEL, against, against_columns, joint_states, read_against, replay
 from ftbias_jax.simulators.validate import validate
-
-mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
 CABLE = {"stiffness": 30.0, "rest_length": 0.1, "anchor": [0.3, 0.1, 0.9], "attachment": [0.0, 0.0, 0.05]}
 

@@ -1,6 +1,7 @@
 import json
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from made_scenes import write
@@ -109,7 +110,6 @@ def test_a_diagnosis_without_a_joint_posterior_is_refused(stated):
 def test_the_command_writes_scenes_sensors_and_ranges(tmp_path, capsys, monkeypatch):
     compiled = []
     monkeypatch.setattr(export, "load_mjcf", lambda *names: compiled.append(names) or load_mjcf(*names))
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     scene, setup = write(tmp_path)
     (tmp_path / "found.json").write_text(json.dumps(made(behind=99.0)[1]))
     words = [

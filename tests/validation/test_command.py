@@ -7,6 +7,7 @@ import pytest
 import validation
 from validation import protocols
 from validation.__main__ import main
+from validation.generator import make
 
 
 @pytest.fixture(autouse=True)
@@ -15,7 +16,6 @@ def quiet(monkeypatch):
 
 
 def test_make_writes_a_set_and_refuses_to_mix_two(tmp_path, capsys):
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     out = tmp_path / "new" / "set"
     command = ["make", str(out), "--count", "2", "--duration", "2,3", "--rate", "100", "--effects", "gain"]
     assert main(command) == 0
@@ -29,7 +29,6 @@ def test_make_writes_a_set_and_refuses_to_mix_two(tmp_path, capsys):
 
 
 def test_make_writes_pairs_of_unlisted_kinds(tmp_path, capsys):
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     out = tmp_path / "set"
     command = ["make", str(out), "--protocol", "unlisted", "--kinds", "unseen", "--count", "1"]
     assert main([*command, "--duration", "2", "--rate", "100"]) == 0
@@ -53,7 +52,6 @@ def test_make_writes_pairs_of_unlisted_kinds(tmp_path, capsys):
     ],
 )
 def test_what_make_cannot_do_is_refused_before_anything_is_written(tmp_path, capsys, options, words):
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     assert main(["make", str(tmp_path / "set"), *options.split()]) == 2
     assert words in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
@@ -61,7 +59,6 @@ def test_what_make_cannot_do_is_refused_before_anything_is_written(tmp_path, cap
 
 def test_a_set_of_logs_that_is_interrupted_has_no_half_log(tmp_path, monkeypatch):
     """Whatever has a log's name is whole: what is not finished never has it."""
-    make = pytest.importorskip("validation.generator.make")
 
     def interrupted(file, **columns):
         file.write(b"half a log")

@@ -7,8 +7,6 @@ import pytest
 
 from ftbias_jax.setup import load_setup
 from validation import runs
-
-pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 from validation.generator.make import Limits, make_log
 from validation.generator.plan import Job
 

@@ -89,7 +89,8 @@ def describe(
         ahead = 1.0 if scored[0].hypothesis.effect in CATALOGUE else CLEARLY
         better = found and found[0][0] > ahead * merit_of(gain, _numbers(scored[0].fit) - _numbers(kept))
         # Contact that takes most of a log leaves too little free motion to judge a term of the motion by.
-        if better and not takes_most(scored[0].hypothesis, problem) and not says(problem, scored[0], kept, found[0][1]):
+        unjudged = takes_most(scored[0].hypothesis, problem) and found[0][1].terms[0].drive != SAME[Touches]
+        if better and not unjudged and not says(problem, scored[0], kept, found[0][1]):
             break  # a single term does better
         kept = scored[0].fit
         found = search.best(kept)

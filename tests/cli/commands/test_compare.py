@@ -57,7 +57,6 @@ def test_what_cannot_be_compared_is_told_in_one_line(tmp_path, capsys, names, co
 
 
 def test_a_shell_learns_the_commands(capsys):
-    pytest.importorskip("shtab")
     with pytest.raises(SystemExit) as ended:
         main(["--print-completion", "bash"])
     assert ended.value.code == 0

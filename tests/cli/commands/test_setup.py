@@ -99,7 +99,6 @@ def test_a_urdf_gives_arm_flange_and_mounting(tmp_path):
 
 
 def test_an_mjcf_gives_arm_site_and_tool(tmp_path, capsys):
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     scene, _ = made_scenes.write(tmp_path)
     assert run("--mjcf", scene, "-o", tmp_path / "drafted.toml") == 0
     text = (tmp_path / "drafted.toml").read_text()
@@ -114,7 +113,6 @@ def test_an_mjcf_gives_arm_site_and_tool(tmp_path, capsys):
 
 
 def test_joints_in_a_recording_are_found_by_the_end_of_their_names(tmp_path):
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     scene, _ = made_scenes.write(tmp_path)
     rng = np.random.default_rng(0)
     names = tuple(f"fr3_joint{i}" for i in range(1, 8))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import recordings
 from recordings import FORMATS, START, Joints, Wrench
+from rosbags import rosbag1
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
@@ -124,7 +125,6 @@ def test_a_missing_decompressor_is_named_with_its_extra(tmp_path, setup, monkeyp
 
 def test_real_arm_with_a_gripper(shared_data, make_setup):
     """Counts and values against the reader of the package rosbags."""
-    rosbag1 = pytest.importorskip("rosbags.rosbag1")
     path = shared_data / "real" / "ur10e_pick.bag"
     names = [f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
     joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": name} for name in names]

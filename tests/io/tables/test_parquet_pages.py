@@ -1,14 +1,13 @@
 """Sizes of the pages of a Parquet file, read from its footer and from their own headers."""
 
 import numpy as np
+import pyarrow as arrow
 import pytest
+from pyarrow import parquet
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.limits.budget import Budget
 from ftbias_jax.io.tables.parquet import DAMAGE, Thrift, check_pages
-
-arrow = pytest.importorskip("pyarrow")
-parquet = pytest.importorskip("pyarrow.parquet")
 
 
 def test_a_struct_of_all_that_a_footer_has():

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 import recordings
 import small_archive
+from mcap import reader
+from pyarrow import parquet
 
 from ftbias_jax import __version__
 from ftbias_jax.cli.main import main
@@ -79,7 +81,6 @@ def test_a_folder_has_a_sum_that_every_file_of_it_changes(tmp_path):
 @pytest.fixture
 def said(tmp_path, origin):
     """Format -> (what it says about the arrays, what they were made from), of one result in all formats."""
-    parquet, reader = pytest.importorskip("pyarrow.parquet"), pytest.importorskip("mcap.reader")
     about = About("wrist", origin, [{"start": 1.0, "end": 2.0}])
     for suffix in (".npz", ".parquet", ".mcap", ".csv"):
         save_results(tmp_path / f"out{suffix}", ARRAYS, about)
@@ -121,13 +122,13 @@ def test_the_columns_of_tables_have_units(tmp_path, said):
     header = (tmp_path / "out.csv").read_text().splitlines()[0].split(",")
     assert list(units) == header
     assert (units["t"], units["bias_fz"], units["bias_tx"]) == ("s", "N", "Nm")
-    schema = pytest.importorskip("pyarrow.parquet").read_schema(tmp_path / "out.parquet")
+    schema = parquet.read_schema(tmp_path / "out.parquet")
     assert {name: schema.field(name).metadata[b"unit"].decode() for name in schema.names} == units
 
 
 def test_the_channels_and_schemas_of_mcap_explain_themselves(tmp_path, said):
     with open(tmp_path / "out.mcap", "rb") as file:
-        summary = pytest.importorskip("mcap.reader").make_reader(file).get_summary()
+        summary = reader.make_reader(file).get_summary()
     (channel,) = summary.channels.values()
     (schema,) = summary.schemas.values()
     assert channel.metadata == {"unit": "N, Nm", "meaning": FIELDS["bias"].meaning, "sign": SIGN}
@@ -150,7 +151,6 @@ def test_simulated_logs_say_what_they_were_made_from(tmp_path, monkeypatch):
 
 
 def test_filter_writes_it_and_the_recordings_own_frame(tmp_path, monkeypatch):
-    reader = pytest.importorskip("mcap.reader")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "setup.toml").write_text(NAMED)
     published = [m._replace(frame="wrist_ft") if isinstance(m, recordings.Wrench) else m for m in recordings.messages()]

@@ -1,5 +1,8 @@
 import numpy as np
 import pytest
+from mcap import reader
+from mcap_ros2 import decoder
+from pyarrow import parquet
 
 from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.io.ros.record import read_recording
@@ -49,7 +52,7 @@ def test_tables_keep_every_bit(tmp_path, suffix):
     if suffix == ".csv":
         read = np.genfromtxt(path, delimiter=",", names=True)
     else:
-        table = pytest.importorskip("pyarrow.parquet").read_table(path)
+        table = parquet.read_table(path)
         read = {name: table.column(name).to_numpy() for name in table.column_names}
         assert list(read) == [name for name, _ in columns()]
     for name, values in columns():
@@ -57,8 +60,6 @@ def test_tables_keep_every_bit(tmp_path, suffix):
 
 
 def test_mcap_is_read_by_the_decoder_of_its_makers(tmp_path):
-    reader = pytest.importorskip("mcap.reader")
-    decoder = pytest.importorskip("mcap_ros2.decoder")
     path = tmp_path / "result.mcap"
     save_results(path, result(), DOUBLE)
     seen = dict.fromkeys(TOPICS, 0)

@@ -3,6 +3,7 @@
 import copy
 import tomllib
 
+import jsonschema
 import numpy as np
 import pytest
 
@@ -136,7 +137,6 @@ def test_a_section_that_is_not_in_the_table_is_refused():
 
 @pytest.fixture(scope="module")
 def validator():
-    jsonschema = pytest.importorskip("jsonschema")
     schema = json_schema()
     jsonschema.Draft202012Validator.check_schema(schema)
     return jsonschema.Draft202012Validator(schema)

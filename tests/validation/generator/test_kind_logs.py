@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 from validation.generator import recording
 from validation.generator.kinds import likeness, logs
 from validation.generator.kinds.plan import KINDS, LARGEST, SMALLEST, Job, chosen, make_plan

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from ftbias_jax.model.effects.catalogue import CATALOGUE
-
-pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 from validation.generator import recording
 from validation.generator.effects import catalogue, effect
 from validation.generator.kinds.plan import ALL_ALONG, KINDS, chosen

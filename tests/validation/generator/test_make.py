@@ -15,8 +15,6 @@ from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import load_setup
 from validation import generator, labels
-
-pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 from validation.generator import make, recording
 from validation.generator.effects import catalogue, effect
 from validation.generator.nominal_model import setup_toml

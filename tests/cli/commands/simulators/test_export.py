@@ -3,13 +3,12 @@
 import json
 
 import made_scenes
+import mujoco
 import numpy as np
 import pytest
 
 from ftbias_jax.cli.main import main
 from ftbias_jax.simulators.sensor_file import load_sensor_model
-
-mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
 CAUSE = {
     "effect": "tool_mass",

@@ -14,8 +14,6 @@ from ftbias_jax.setup.mjcf import load_mjcf
 from ftbias_jax.simulators.mend_mjcf import mend_mjcf
 from ftbias_jax.simulators.replay import replay
 
-pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-
 TILT = {"gravity_tilt": {"gravity": [0.0, 0.6, -9.79]}}
 
 
