@@ -166,7 +166,7 @@ def look_at(path: str, table: Table) -> LogInfo:
     setup = parse_setup(robot | _nested(keys | (RATE if table.time is None else {})))
     quantities = {
         "position": bool(table.orientation or table.joints),
-        "velocity": bool(table.orientation or not table.joints) and table.has_imu,
+        "velocity": bool(table.orientation or not table.joints) and table.has_imu and not table.static,
         "wrench": "wrench" in table.has,
         "temperature": "temperature" in table.has,
     }

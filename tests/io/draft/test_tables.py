@@ -66,7 +66,7 @@ def test_static_poses_are_read_weighed_and_told_as_such(tmp_path, apart):
     turned = Rotation.random(30, np.random.default_rng(3))
     inside = wrench_of(turned.as_matrix(), sign=-1.0)
     wrench = np.hstack([turned.apply(inside[:, part]) for part in (slice(0, 3), slice(3, 6))])
-    arrays = {"orientation": turned.as_quat()[:, [3, 0, 1, 2]], "wrench": wrench}
+    arrays = {"orientation": turned.as_quat()[:, [3, 0, 1, 2]], "wrench": wrench, "specific_force": wrench[:, :3]}
     log_files.write(path := tmp_path / "poses.npz", arrays | ({} if apart is None else {"t": apart * np.arange(30)}))
     assert "each row as of a pose at rest" in describe(path).verdict
     setup = drafted(tmp_path, path)
