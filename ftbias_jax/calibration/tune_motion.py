@@ -24,9 +24,7 @@ from ftbias_jax.filtering.noise.vibration import Vibration
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.process_models import bias_model
 from ftbias_jax.model.effects.catalogue import CATALOGUE
-from ftbias_jax.model.own_effects import not_shown
 from ftbias_jax.model.params import Params
-from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Sample
 
 MOST_SAMPLES = 1 << 16
@@ -37,10 +35,8 @@ WILD = 6.0
 """Standard deviations of a sample that is no noise of the motion, at what the blocks show: it does not count."""
 
 
-def shown_vibration(setup: Setup, logs: Sequence[LogInBlocks]) -> Vibration | None:
-    """Of the log that shows it best; None = no log does, or the setup cannot state it, because it has no joints."""
-    if VIBRATION in not_shown(setup):
-        return None
+def shown_vibration(logs: Sequence[LogInBlocks]) -> Vibration | None:
+    """Of the log that shows it best; None = no log does."""
     found = [log.noise.vibration for log in logs if log.noise.vibration is not None]
     best = max(found, key=lambda vibration: vibration.gain, default=None)
     return best if best is not None and best.per_speed.any() else None

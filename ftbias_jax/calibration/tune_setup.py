@@ -157,7 +157,7 @@ def tune(
     unseen = [[_part(log, 1 - hold_out, 1) for log in logs_of_tool] for logs_of_tool in samples] if hold_out else []
     shown, correlated = what_the_logs_show([log.noise for log in looked], logs), is_correlated(looked)
     candidates = [(tuned, fits)]
-    vibration = shown_vibration(setup, looked)
+    vibration = shown_vibration(looked)
     if vibration is not None and "sensor" in fit and hold_out:
         # Errors that are correlated leave the samples' likelihood no say in how fast the bias moves.
         beside = {} if correlated else wanted

@@ -7,6 +7,7 @@ import numpy as np
 from ftbias_jax.check.check_setup import check_setup
 from ftbias_jax.io.draft.draft import Draft, Request, draft
 from ftbias_jax.io.log import Log
+from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.dump import Known
 from ftbias_jax.setup.require import has_no_tool, with_guessed_tool
 from ftbias_jax.setup.types import Setup
@@ -31,7 +32,7 @@ def checked_draft(request: Request) -> Draft:
     return found
 
 
-def _recorded_so(setup: Setup, log: Log) -> dict[str, Known]:
+def _recorded_so(setup: Setup, log: Log | Poses) -> dict[str, Known]:
     """Keys by which a check of the draft says that the controller compensates, or that the sensor was set to zero."""
     findings = check_setup(setup, [log]).findings
     return {

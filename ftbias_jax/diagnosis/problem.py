@@ -28,6 +28,7 @@ from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue
 from ftbias_jax.model.effects.compose import fill_temperature
 from ftbias_jax.model.effects.types import Model, Signals, Values
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
+from ftbias_jax.model.kinematics.recorded_pose import speeds_of
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.types import Setup
@@ -165,11 +166,11 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     params = params_for_log.likeliest_params(setup, samples, options)
     known = params.bias.in_motion
     joints, reading, variance = (x[:length] for x in smoothed(params, samples, options))  # noise of samples comes below
-    rate, speed, arm = np.gradient(reading, log.t, axis=0), joints[:, :, 1], setup.pose is None
+    rate, speed = np.gradient(reading, log.t, axis=0), speeds_of(params.arm, joints[:, :, 1])
     contacts = contacts_in(log, reading, speed, variance, setup.sensor.compensated == "none")
     touched = in_contact(log.t, list(contacts.contacts), MARGIN)
-    error, of_arm = reading - log.wrench, speed if arm else None
-    found = inspect_samples(log, setup.sensor.noise_std, error, rate, of_arm, known, touched)
+    error = reading - log.wrench
+    found = inspect_samples(log, setup.sensor.noise_std, error, rate, speed, known, touched)
     if found.level.detected and found.level.doubt:
         scatter = scatter_at_rest(log, error, speed, variance, setup.sensor.noise_std)
         words = f"{found.level.doubt} of what scatters at rest, by {by_axis(scatter)} of noise_std (ftbias filter)"

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from ftbias_jax.filtering import bias_filter, joint_filter
 from ftbias_jax.filtering.gaussian import Innovation
+from ftbias_jax.model.kinematics.recorded_pose import speeds_of
 from ftbias_jax.model.kinematics.screws import Motion
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.tool_wrench import (
@@ -117,7 +118,7 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
     if knows_joints(options):
         G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
         R = R + covariance_of_joints(G, joint.covariance)
-    vibration = bias_filter.vibration(params.bias, joint.mean[:, 1])
+    vibration = bias_filter.vibration(params.bias, speeds_of(params.arm, joint.mean[:, 1]))
     if vibration is not None:
         R = R + jnp.diag(bias_filter.white_share(params.bias, vibration))
     jump = bias_filter.jumps(params, sample.rezeroed)

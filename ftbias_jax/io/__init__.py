@@ -1,7 +1,7 @@
 """Recorded logs: one module a format, one check for all, one merged timeline out."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import FURTHER
@@ -45,8 +45,13 @@ def read_motion(path: str | os.PathLike[str], setup: Setup) -> Log | Poses:
     Raises:
         LogError: it is neither; the message is that of ``read_log``.
     """
+    return or_poses(read_log, path, setup)
+
+
+def or_poses(read: Callable[..., Log], path: str | os.PathLike[str], setup: Setup, **choices: bool) -> Log | Poses:
+    """As ``read_motion``, where ``read`` is ``read_log``, perhaps with choices of its own, or ``read_recorded``."""
     try:
-        return read_log(path, setup)
+        return read(path, setup, **choices)
     except LogError as error:
         if error.field not in _OF_TIME:
             raise

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io import read_recorded
+from ftbias_jax.io import or_poses, read_recorded
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.clock import longer_in_words, one_a_stamp
 from ftbias_jax.io.draft.table import Table, look, stated_columns, time_unit
@@ -23,12 +23,14 @@ from ftbias_jax.io.ros.messages import IMU, JOINT_STATE, JOINTS, POSE, POSITION,
 from ftbias_jax.io.ros.read import log_of, skew
 from ftbias_jax.io.ros.record import Recording, Stream, Topic, Wanted, is_ros, read_recording
 from ftbias_jax.io.tables.headers import FIXED
+from ftbias_jax.io.tables.poses import Poses, as_log
 from ftbias_jax.io.tables.streams import read_stream
 from ftbias_jax.setup.dump import Known, toml_line
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES
 
+RATE = {"log.rate": Known(None, "Hz: there are no stamps (t)")}
 MOST_NAMES = 40
 """Columns that are listed."""
 POSE_LABELS = ("x", "y", "z", "qx", "qy", "qz", "qw")
@@ -50,6 +52,8 @@ class LogInfo(NamedTuple):
     """Columns that nothing is made of."""
     log: Log | None = None
     """As the setup reads it; None = there is no setup, or it does not."""
+    poses: bool = False
+    """Whether the setup reads it as static poses."""
 
 
 def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvage: bool = False) -> LogInfo:
@@ -69,8 +73,10 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
         names = table.joint_names
     else:
         names = setup.robot.joint_names
-    log = read_recorded(path, setup or parse_setup(_robot_of(names)))
+    read = or_poses(read_recorded, path, setup or parse_setup(_robot_of(names)))
     has_pose = setup is not None and setup.pose is not None
+    log = as_log(read) if isinstance(read, Poses) else read
+    names = names[: log.q.shape[1]]  # of a pose at rest the orientation alone is read
     joints = ~np.isnan(log.q if has_pose else np.column_stack([log.q, log.dq])).all(1)
     shown = ~np.isnan(log.q).all(0) if has_pose else np.full(len(names), True)
     labels = [name for name, there in zip(names, shown, strict=True) if there]
@@ -82,6 +88,9 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
     if longer := longer_in_words(log.t[joints], log.t[rows]):
         wrench = wrench._replace(trouble=(*wrench.trouble, longer))
     streams = (motion, wrench)
+    if isinstance(read, Poses):
+        counted = streams if read.timed else tuple(stream.without_stamps() for stream in streams)
+        return LogInfo(counted, (), read.repairs, f"{len(read.t)} static poses, which show the tool", True, poses=True)
     verdict = "can be filtered" if setup else f"has {len(names)} joints and a wrench"
     try:
         cleaned = clean(log)
@@ -154,7 +163,7 @@ def look_at(path: str, table: Table) -> LogInfo:
     robot = _robot_of(table.joint_names or ["q0"])
     if any(key.startswith("sensor_pose") for key in keys):
         del robot["robot"]
-    setup = parse_setup(robot | _nested(keys))
+    setup = parse_setup(robot | _nested(keys | (RATE if table.time is None else {})))
     quantities = {
         "position": bool(table.orientation or table.joints),
         "velocity": bool(table.orientation or not table.joints) and table.has_imu,
@@ -185,18 +194,18 @@ def _keys(table: Table) -> dict[str, Known]:
     if table.orientation:
         keys["sensor_pose.orientation"] = Known(table.orientation, "" if table.named else 'or "quaternion_wxyz"')
     if table.orientation or (table.has_imu and not table.joints):
-        linear = {"accelerometer": "specific_force", "place": "position"}
+        linear = {} if table.static else {"accelerometer": "specific_force", "place": "position"}
         keys["sensor_pose.linear"] = Known(next((word for name, word in linear.items() if name in table.has), "none"))
         if "gyroscope" not in table.has:
             keys["sensor_pose.gyroscope"] = Known(False)
-    if table.time is not None and len(table.time) > 1 and (unit := time_unit(table.time)):
+    if not table.static and table.time is not None and len(table.time) > 1 and (unit := time_unit(table.time)):
         keys["log.time_unit"] = Known(unit)
     if table.accelerometer is not None:
         lengths = np.linalg.norm(table.accelerometer, axis=1)
         if np.isfinite(lengths).any() and np.nanmedian(lengths) < STANDARD_GRAVITY / 3:
             keys["log.acceleration_unit"] = Known("g")
     keys |= {key: Known(known.value) for key, known in stated_columns(table).items()}
-    return keys if table.time is not None else keys | {"log.rate": Known(None, "Hz: there are no stamps (t)")}
+    return keys if table.static or table.time is not None else keys | RATE
 
 
 def _nested(keys: Mapping[str, Known]) -> dict[str, Any]:
@@ -259,10 +268,11 @@ def _verdict(path: str, table: Table) -> str:
             f"has nothing that is known by its name: ftbias setup {name} --robot NAME -o setup.toml writes a setup "
             "whose [log.columns] lists what to choose from"
         )
-    rate = " --rate HZ" if table.time is None else ""
+    rate = " --rate HZ" if table.time is None and not table.static else ""
     robot = " --robot NAME" if table.joints and not table.orientation else ""
     if motion and "wrench" in table.has:
-        still = "; static poses need no stamps for ftbias identify" if table.time is None else ""
+        found += ", each row as of a pose at rest" if table.static else ""
+        still = " (a log of motion: with --rate HZ)" if table.static and table.time is None else ""
         return f"has {found}: ftbias setup {name}{robot}{rate} -o setup.toml finds out how they were recorded{still}"
     missing = "the wrench" if motion else "joints or a pose" + ("" if "wrench" in table.has else " and the wrench")
     return (

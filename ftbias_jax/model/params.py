@@ -51,8 +51,8 @@ class BiasNoise(NamedTuple):
     prior_std: Float[Array, " 12"]
     """(12,) square root of the diagonal of P_0."""
     vibration: Array | None = None
-    """(n, 6) N^2/(rad/s)^2, Nm^2/(rad/s)^2: what the squared speed of each joint adds to the variance of each axis; of
-    the entries of a recorded pose, if there are no joints. None = nothing."""
+    """(s, 6) N^2/(rad/s)^2, Nm^2/(rad/s)^2: what the squared speed of each joint, or that of the turning of a recorded
+    pose, adds to the variance of each axis (``speeds_of``); None = nothing."""
     vibration_speed: Float[Array, ""] | None = None
     """() rad/s from which that grows with the speed alone: it counts as dq^2 / sqrt(1 + (dq / vibration_speed)^2);
     None = with its square at any speed."""
@@ -134,7 +134,7 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     catalogue = catalogue_of_setup(setup)
     stated = values_from_setup(setup.effects, setup.path, catalogue)
     check_shown(setup.effects, setup, partial(SetupError, file=setup.path), "effects.")
-    effects, noise = _split_noise(stated, n, setup.path, catalogue)
+    effects, noise = _split_noise(stated, 1 if setup.pose else n, setup.path, catalogue)
     params = params._replace(
         effects=values_of(effects, catalogue) if effects else None, bias=params.bias._replace(**noise)
     )
@@ -142,7 +142,7 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     return converted
 
 
-def _split_noise(values: Values, joints: int, file: str, catalogue: Catalogue) -> tuple[Values, dict[str, Array]]:
+def _split_noise(values: Values, speeds: int, file: str, catalogue: Catalogue) -> tuple[Values, dict[str, Array]]:
     """Effects that the filter knows as such, and fields of ``BiasNoise`` for those that it knows as noise.
 
     What such an effect states beside its rows is left out where it is infinite, which is neutral.
@@ -154,10 +154,10 @@ def _split_noise(values: Values, joints: int, file: str, catalogue: Catalogue) -
             del others[name]
             key, *further = (parameter.name for parameter in effect.parameters)
             rows = values[name][key]
-            if len(rows) not in (1, joints):
-                remedy = f"give six numbers, or a row of six for each of the {joints} joints"
+            if len(rows) not in (1, speeds):
+                remedy = "give six numbers" + f", or a row of six for each of the {speeds} joints" * (speeds > 1)
                 raise SetupError(f"has {len(rows)} rows", file=file, field=f"effects.{name}.{key}", remedy=remedy)
-            noise[effect.filter_noise] = np.broadcast_to(rows, (joints, 6))
+            noise[effect.filter_noise] = np.broadcast_to(rows, (speeds, 6))
             stated = {other: values[name][other] for other in further if other in values[name]}
             noise |= {f"{effect.filter_noise}_{other}": x for other, x in stated.items() if np.isfinite(x).all()}
     return others, noise

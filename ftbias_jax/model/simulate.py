@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import CATALOGUE, catalogue_of, values_of
 from ftbias_jax.model.effects.types import Model, Record, Signals, Values
+from ftbias_jax.model.kinematics.recorded_pose import speeds_of
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.trajectories import Trajectory
 from ftbias_jax.model.wrench.tool_wrench import measurement_covariance
@@ -131,7 +132,8 @@ def simulate(
     )
     louder = jnp.diagonal(R)[None] + compose.variance_of_terms(signals, effects, clean)
     noise = noise * jnp.sqrt(louder / jnp.diagonal(R)[None])
-    samples = compose.record(record_key, Record(t, clean - bias + noise, noise, dq), model, effects)
+    taken = Record(t, clean - bias + noise, noise, speeds_of(params.arm, dq))
+    samples = compose.record(record_key, taken, model, effects)
     return Simulation(
         samples.t,
         q + noise_q,

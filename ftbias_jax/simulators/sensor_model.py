@@ -187,7 +187,8 @@ class SensorModel(NamedTuple):
             wrench: (6,) or (N, 6) N, Nm, as for ``start``.
             dt: () or (N,) s since the sample before.
             draws: of this sample.
-            dq: (n,) or (N, n) rad/s, speeds of the joints, for ``vibration``; None = at rest.
+            dq: (n,) or (N, n) rad/s, speeds of the joints, or one at which the body turns, for ``vibration``; None =
+                at rest.
             temperature: () or (N,) deg C, for ``temperature_drift``; None = unchanged.
 
         Returns:

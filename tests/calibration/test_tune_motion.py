@@ -22,11 +22,6 @@ from ftbias_jax.types import Sample
 COUNT, DT, CORNER = 6000, 0.01, 0.2
 STD = np.repeat([0.1, 0.005], 3)
 WEIGHTS = np.outer([4.0, 0.0, 12.0], STD**2 / CORNER)
-OF_POSE = {
-    "tool": {"mass": 0.7, "center_of_mass": [0, 0, 0.06]},
-    "sensor": {"noise_std": [0.1, 0.004]},
-    "sensor_pose": {"linear": "none"},
-}
 EACH = {"density": "each", "wrench_std": "each"}
 
 
@@ -89,15 +84,13 @@ def test_a_speed_below_the_least_that_a_setup_states_is_that_one(truth):
     assert fit.values["vibration_speed"][0] == fitted.bias.vibration_speed >= tune_motion.LEAST_SPEED
 
 
-def test_the_log_that_shows_it_best_is_where_to_start_and_a_setup_without_joints_cannot_state_it():
-    setup = ft.parse_setup(tomllib.loads(small_archive.SETUP), "setup.toml")
+def test_the_log_that_shows_it_best_is_where_to_start():
     best, other = shown(1.0, 0.2), shown(0.5, None)._replace(gain=20.0)
     none = best._replace(per_speed=np.zeros_like(WEIGHTS), gain=1.0)
     logs = [LogInBlocks(None, nothing()._replace(vibration=one)) for one in (None, other, best)]
-    assert tune_motion.shown_vibration(setup, logs) is best
-    assert tune_motion.shown_vibration(setup, [LogInBlocks(None, nothing()._replace(vibration=none))]) is None
-    assert tune_motion.shown_vibration(setup, []) is None
-    assert tune_motion.shown_vibration(ft.parse_setup(OF_POSE, "pose.toml"), logs) is None
+    assert tune_motion.shown_vibration(logs) is best
+    assert tune_motion.shown_vibration([LogInBlocks(None, nothing()._replace(vibration=none))]) is None
+    assert tune_motion.shown_vibration([]) is None
 
 
 def result(after, reasons=()):

@@ -108,15 +108,30 @@ def test_the_bias_of_a_simulated_log_is_found():
     assert np.square(z).mean() < 2
 
 
-@pytest.mark.parametrize("name", ["encoder_offset", "cable", "vibration"])
+@pytest.mark.parametrize("name", ["encoder_offset", "cable"])
 def test_effects_of_joints_are_refused_with_the_reason(name):
     setup = setup_of()
     typical = {"encoder_offset": {"joint": 2, "offset": 0.01}, "cable": {"stiffness": 10, "rest_length": 0.1}}
-    typical["cable"]["anchor"], typical["vibration"] = [0, 0, 1], {"variance": [0.1] * 6}
+    typical["cable"]["anchor"] = [0, 0, 1]
     with pytest.raises(ft.UsageError, match=rf"effects: {name}: does not go with \[sensor_pose\]: it is of the joints"):
         ft.simulate(setup, {name: {}}, duration=1, rate=50)
     with pytest.raises(ft.SetupError, match=rf"effects.{name}: does not go with \[sensor_pose\]"):
         params_from_setup(setup_of(effects={name: typical[name]}))
+
+
+def test_noise_grows_with_the_speed_of_turning_and_a_setup_has_one_row_of_it():
+    growing = {"vibration": {"variance": [0.5] * 3 + [0.02] * 3, "speed": 0.4}}
+    made = ft.simulate(setup_of(effects=growing), duration=20, rate=200, seed=3)
+    motion = body_motions(params_from_setup(setup_of()).arm, made.truth.q.T, made.truth.dq.T, made.truth.ddq.T)
+    turning = np.linalg.norm(motion.angular_velocity, axis=0)
+    variance = 0.5 * turning**2 / np.sqrt(1 + (turning / 0.4) ** 2)
+    noise = (made.log.wrench - made.truth.wrench_clean + made.truth.bias)[:, :3]
+    slow, fast = variance < np.median(variance), variance > np.quantile(variance, 0.8)
+    for rows in (slow, fast):
+        expected = 0.1**2 + variance[rows].mean()
+        assert np.square(noise[rows]).mean() == pytest.approx(expected, rel=0.1)
+    with pytest.raises(ft.SetupError, match=r"variance: has 7 rows"):
+        params_from_setup(setup_of(effects={"vibration": {"variance": [[0.1] * 6] * 7}}))
 
 
 def test_an_effect_of_accelerations_needs_them():

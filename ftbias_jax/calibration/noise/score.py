@@ -16,6 +16,7 @@ from ftbias_jax.filtering.likelihood import counted, measured_length, nats_in_pi
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.process_models import JOINT_MODELS, bias_model
 from ftbias_jax.filtering.smoother import smooth_joints
+from ftbias_jax.model.kinematics.recorded_pose import speeds_of
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array, Sample
 
@@ -110,7 +111,7 @@ def smoothed_wrenches(params: Params, logs: Sample, options: Options, moving: bo
     def one(samples: Sample) -> WrenchLogs:
         joints = smooth_joints(params, pipeline.init(params, samples), samples, options)
         wrench_tool, variance = stages.predict_wrenches(params, joints, samples, options)
-        velocity = joints.mean[:, :, 1] if moving else None
+        velocity = speeds_of(params.arm, joints.mean[:, :, 1]) if moving else None
         return WrenchLogs(samples, wrench_tool, variance - own_variance(params, velocity), velocity)
 
     return jax.vmap(one)(logs)

@@ -1,16 +1,19 @@
 """``ftbias calibrate``: from logs to a setup in which every step predicts what it has not seen."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 from ftbias_jax.cli.given import logs_of, setup_of
 from ftbias_jax.cli.terminal import tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.find import expand
-from ftbias_jax.io import read_log
+from ftbias_jax.io import or_poses, read_log
 from ftbias_jax.io.atomic import write_atomic, write_json
 from ftbias_jax.io.draft.draft import Request, urdf_beside
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.outputs import refuse_existing
+from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.io.write.ours import CALIBRATION, PAGE, SETUP
 from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import Setup
@@ -26,33 +29,44 @@ def run(arguments: argparse.Namespace) -> int:
         setup, urdf = _draft(arguments) if drafts else (setup_of(arguments), "")
         kinds = {"--output": SETUP, "--html": PAGE, "--json": CALIBRATION}
         paths = logs_of(arguments, setup, kinds, stated=(setup.description,) if drafts else None)
-        logs = [read_log(path, setup, raw=True) for path in paths]
+        logs = [or_poses(read_log, path, setup, raw=True) for path in paths]
 
         from ftbias_jax.runtime.jax_config import prepare_jax
 
         prepare_jax()
+        from ftbias_jax.calibration.identify_tool import identify_tool
         from ftbias_jax.commissioning.calibrate import calibrate
 
-        found = calibrate(
-            setup,
-            logs,
-            [Path(path).name for path in paths],
-            bias=arguments.bias,
-            hold_out=arguments.hold_out,
-            unchecked=arguments.unchecked,
-            progress=stages,
-        )
-    print(found)
+        asked = {"bias": arguments.bias, "unchecked": arguments.unchecked, "progress": stages}
+        poses = [log for log in logs if isinstance(log, Poses)]
+        motions = [log for log in logs if isinstance(log, Log)]
+        if poses:
+            _require_alone(arguments, paths)
+            tool = identify_tool(setup, poses[0], **asked)
+        else:
+            names = [Path(path).name for path in paths]
+            found = calibrate(setup, motions, names, hold_out=arguments.hold_out, **asked)
+    print(tool if poses else found)
     if urdf:
         write_atomic(urdf_beside(arguments.output), lambda file: file.write(urdf.encode()))
-    found.save(arguments.output, by="calibrate")
+    (tool if poses else found).save(arguments.output, by="calibrate")
     if arguments.html:
         found.to_html(arguments.html)
     if arguments.json:
         write_json(arguments.json, found.plain())
     written = [arguments.output, *([urdf_beside(arguments.output)] if urdf else []), arguments.html, arguments.json]
     print(f"wrote {', '.join(path for path in written if path)}")
-    return tell_repairs(zip(paths, found.repairs, strict=True))
+    return tell_repairs(zip(paths, [poses[0].repairs] if poses else found.repairs, strict=True))
+
+
+def _require_alone(arguments: argparse.Namespace, paths: Sequence[str]) -> None:
+    """Refuse what static poses have none of: of them the tool is found, and each is predicted from all the others."""
+    if len(paths) > 1:
+        remedy = "give one table of poses, or logs of motion"
+        raise UsageError("static poses are not calibrated together with another log", field="logs", remedy=remedy)
+    if arguments.html or arguments.json:
+        field = "--html" if arguments.html else "--json"
+        raise UsageError("static poses have no unseen end to report on", field=field, remedy="leave it out")
 
 
 def _draft(arguments: argparse.Namespace) -> tuple[Setup, str]:

@@ -36,6 +36,8 @@ def _next(arguments: argparse.Namespace, setup: Setup | None, info: LogInfo, res
         robot = " --robot NAME" if has_joints else ""
         return f"ftbias setup {log}{robot} -o setup.toml" + (" (--list shows the names)" if robot else "")
     stated = f"{log} --setup {shlex.quote(arguments.setup)}"
+    if info.poses:
+        return f"ftbias identify {stated} -o identified.toml"
     if info.log is None:
         return f"correct the setup, then ftbias info {stated}"
     if not rests and not has_no_tool(setup) and (setup.tool.unknown or is_draft(setup)):

@@ -73,7 +73,7 @@ class Growth(NamedTuple):
     @property
     def finding(self) -> Finding:
         """The same of six channels as a finding."""
-        sentence = "the noise does not grow with the speed of the joints, or no more than it may by chance"
+        sentence = "the noise does not grow with the speed of the motion, or no more than it may by chance"
         if self.detected:
             grown = name_channels(np.asarray(self.variance.any(0)))
             sentence = f"noise of {grown} grows with the motion, up to {self.visible:.3g} times in the fastest tenth"

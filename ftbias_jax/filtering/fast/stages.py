@@ -22,6 +22,7 @@ from ftbias_jax.filtering.samples import pad
 from ftbias_jax.filtering.step import Options, State, knows_joints
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model, Signals
+from ftbias_jax.model.kinematics.recorded_pose import speeds_of
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.batch import PIECE
 from ftbias_jax.model.wrench.tool_wrench import measurement_covariance
@@ -75,7 +76,7 @@ def _run_stages(
     samples, measured = chunk
     joint = filter_scan(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples))
     wrench_tool, variance = predict_wrenches(params, joint, samples, options)
-    inputs = bias_inputs(params, state, samples, wrench_tool, variance, joint.mean[:, 1])
+    inputs = bias_inputs(params, state, samples, wrench_tool, variance, speeds_of(params.arm, joint.mean[:, 1]))
     wrench = without_noise(filter_scan(gated(inputs, options), inputs))
     last = jax.tree.map(lambda x: x[measured - 1], (joint, wrench))
     return state_of(*last), Staged(joint, wrench, wrench_tool)
@@ -169,7 +170,7 @@ def predict_wrenches(
     wrench_tool, from_joints = wrenches_of_joints(params, joints, not knows_joints(options))
     if isinstance(joints, States):
         joints = joints.stacked()
-    motion = bias_filter.vibration(params.bias, joints.mean[:, 1])
+    motion = bias_filter.vibration(params.bias, speeds_of(params.arm, joints.mean[:, 1]))
     if motion is not None:
         from_joints = from_joints + bias_filter.white_share(params.bias, motion)
     if params.effects is None and compose.BEYOND[0] not in (samples.columns or {}):

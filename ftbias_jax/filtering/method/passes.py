@@ -32,7 +32,7 @@ def fit_noise(work: Work) -> Work:
 
 def blocks_of(work: Work) -> Blocks:
     """The log in blocks, with jumps where the sensor was set to zero."""
-    velocity, y = work.joints.mean[1], work.joints.wrench_tool - work.samples.wrench
+    velocity, y = work.speeds, work.joints.wrench_tool - work.samples.wrench
     shaking = stated_shaking(work.params.bias, velocity)
     weighs = (work.params.gravity != 0).any()
     variance, tool = work.joints.variance, jnp.where(weighs, work.joints.wrench_tool, 0)
@@ -68,7 +68,7 @@ def filter_bias(work: Work) -> Work:
         last = bias_state(Smoothed(*add_noise(x[-1], P[-1], -1)))
         return last, (*found, innovation, predicted, track.log_likelihood.sum()[None])
 
-    known = (joints.wrench_tool, variance, joints.mean[1])
+    known = (joints.wrench_tool, variance, work.speeds)
     last, found = over_pieces(filtered, state.bias, (_without_contact(work), known), work.length)
     *found, innovation, predicted, nats = found
     work = work._replace(states=States(*joints.mean, joints.ddq_std, *found), end=work.end._replace(bias=last))
@@ -89,7 +89,7 @@ def smooth_bias(work: Work) -> Work:
     """Bias and drift given past and future, from the samples that the filter used: means and standard deviations."""
     start = work.start._replace(bias=bias_filter.init(work.params.bias))
     passed = jnp.where(jnp.isfinite(work.innovation), work.samples.wrench, jnp.nan)
-    known = (work.joints.wrench_tool, _variances(work)[0], work.joints.mean[1])
+    known = (work.joints.wrench_tool, _variances(work)[0], work.speeds)
     inputs = bias_inputs(work.params, start, work.samples._replace(wrench=passed), *known)
     mean, std = smooth_axes(inputs)
     return work._replace(states=work.states._replace(bias_smooth=mean, bias_smooth_std=std))
@@ -120,7 +120,7 @@ def summarise(work: Work) -> tuple[Params, States, Infos]:
         innovation_std=innovation_std,
         nis=(standard**2).sum(1),
         used=used,
-        reading_std=_root(_reading_variance(work.params.bias, shown, known.mean[1])),
+        reading_std=_root(_reading_variance(work.params.bias, shown, work.speeds)),
         log_likelihood=work.log_likelihood + known.log_likelihood,
         noise=noise,
         kept_out=1 - used.sum() / jnp.maximum(free.sum(), 1),
@@ -140,7 +140,7 @@ def _variances(work: Work) -> tuple[Array, Array]:
     stated = work.joints.variance
     if work.noise is None or work.stated is None:
         return stated, stated
-    found = (work.stated.bias, work.noise.vibration, stated, work.joints.mean[1])
+    found = (work.stated.bias, work.noise.vibration, stated, work.speeds)
     return taken_variance(*found), shown_variance(*found)
 
 

@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout
 from ftbias_jax.filtering.noise.fit_noise import Noise
 from ftbias_jax.filtering.step import Options, State
+from ftbias_jax.model.kinematics.recorded_pose import speeds_of
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array, Sample
 
@@ -84,6 +85,12 @@ class Work(NamedTuple):
     """nats of the wrench."""
     end: State = LATER
     """After the last sample that counts."""
+
+    @property
+    def speeds(self) -> Float[Array, "T s"]:
+        """rad/s by which noise may grow."""
+        speeds: Array = speeds_of(self.params.arm, self.joints.mean[1])
+        return speeds
 
 
 class Infos(NamedTuple):

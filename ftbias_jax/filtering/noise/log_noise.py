@@ -64,7 +64,7 @@ def describe(noise: LogNoise) -> list[str]:
         size = np.linalg.norm(contact.force[:3])
         lines.append(f"contact from {contact.start:.2f} to {contact.end:.2f} s, up to {size:.2g} N: not used")
     if noise.vibration is not None and noise.vibration.taken and noise.vibration.per_speed.any():
-        lines.append("the noise grows with the speed of the joints; the filter takes what the scatter of the log shows")
+        lines.append("the noise grows with the speed of the motion; the filter takes what the scatter of the log shows")
     if noise.vibration is not None and (noise.vibration.level != 1).any():
         words = by_axis(np.sqrt(noise.vibration.level), noise.vibration.level != 1)
         kept = "; where it is less, the filter keeps the stated one" if (noise.vibration.level < 1).any() else ""

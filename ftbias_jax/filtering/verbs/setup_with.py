@@ -8,6 +8,7 @@ import numpy as np
 
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.params_for_log import LAG_GUARD
+from ftbias_jax.model.kinematics.recorded_pose import speeds_of
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.types import DataNoiseSetup, Setup
@@ -102,7 +103,8 @@ def _require_noise(name: str, stated: Params, value: Any) -> None:
         return
     joints = len(stated.joint.process_density)
     shapes: dict[str, tuple[int, ...]] = dict.fromkeys(JOINTS, (joints,))
-    shapes |= {"data_variance": (36,), "vibration": (joints, 6), "vibration_speed": ()}
+    speeds = speeds_of(stated.arm, np.zeros(joints))  # of a recorded pose there is but one
+    shapes |= {"data_variance": (36,), "vibration": (len(speeds), 6), "vibration_speed": ()}
     if (shape := np.shape(value)) != (wanted := shapes.get(name, (6,))):
         remedy = "give the parameters of one setup, not those of each log"
         raise UsageError(f"has shape {shape} instead of {wanted}", field=f"params.{name}", remedy=remedy)

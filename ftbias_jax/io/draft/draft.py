@@ -31,9 +31,11 @@ from ftbias_jax.io.draft.table import Table, left_to_choose, look, patterns, sta
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.pose import sensor_rotations
 from ftbias_jax.io.ros.record import is_ros
+from ftbias_jax.io.tables.poses import Poses, as_log, read_poses
 from ftbias_jax.setup.dump import MEASURE, Known, write_template
 from ftbias_jax.setup.mjcf import load_mjcf, mjcf_robot
 from ftbias_jax.setup.parse import parse_setup
+from ftbias_jax.setup.require import orientation_alone
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.setup.urdf import load_urdf
 
@@ -77,7 +79,7 @@ class Draft(NamedTuple):
     notes: tuple[str, ...]
     """A line each: what was found out, and what was not."""
     setup: Setup
-    log: Log | None
+    log: Log | Poses | None
     """As the setup reads it, for a check of what was drafted; None = there is none, or columns are left to choose."""
 
 
@@ -171,20 +173,23 @@ def _named(request: Request, recorded: Sequence[str]) -> str:
     raise UsageError(words, field="--robot", remedy="name a built-in robot, or give --urdf, --mjcf or --dh FILE")
 
 
-def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tuple[Keys, list[str], Log | None]:
+def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tuple[Keys, list[str], Log | Poses | None]:
     """What a log tells: how it was recorded, the noise of the sensor, its sign, and the tool by its weight."""
-    keys = _of_tables(tables)
+    static = len(tables) == 1 and tables[0].static and "log.rate" not in stated
+    keys = {} if static else _of_tables(tables)
     has_pose = any(table.orientation for table in tables) and not any(key.startswith("robot.") for key in stated)
     joints = None if has_pose else parse_setup(tomllib.loads(write_template(stated)), file).robot.joint_names
     for table in tables:
         keys |= stated_columns(table, joints)
-    if left := left_to_choose(tables, stated["log.rate"].value if "log.rate" in stated else None):
+    if left := left_to_choose(tables, timed=not static and "log.rate" not in stated):
         what = " and ".join(key.rpartition(".")[2] for key in left)
         return keys | left, [f"which columns are {what} does not show by their names: fill in [log.columns]"], None
 
     def read(further: Keys) -> tuple[Setup, Log]:
         text = write_template({**stated, **keys, **further})
         setup = parse_setup(tomllib.loads(text), file)
+        if static:
+            return orientation_alone(setup), as_log(read_poses(path, setup))
         return setup, clean(read_recorded(path, setup, salvage=True), file=path)
 
     if has_pose:
@@ -193,14 +198,14 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
         if not any("gyroscope" in table.has for table in tables):
             keys["sensor_pose.gyroscope"] = Known(False, "none is recorded")
         best, weighed = best_reading(ways_of(body), read) or ({}, None)
-        keys |= best
-        keys |= _of_motion(tables, body, weighed, read)
+        keys |= best | ({} if static else _of_motion(tables, body, weighed, read))
     elif tables and "log.angle_unit" not in keys and max(table.joints for table in tables):
         keys |= _degrees(read)
     setup, log = read({})
     rotations = sensor_rotations(log.t, log.q, setup, path)
     noise = quietest_noise(log.t, log.wrench, rotations)
-    notes = [] if noise else ["the sensor's noise is a guess: the log has no stretch of rest that shows it"]
+    unseen = "static poses do not show it" if static else "the log has no stretch of rest that shows it"
+    notes = [] if noise else [f"the sensor's noise is a guess: {unseen}"]
     if noise:
         keys["sensor.noise_std"] = Known(*noise)
     found = weigh(log.t, rotations, setup.robot.gravity, log.wrench, log.rezeroed_at)
@@ -211,7 +216,7 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
             std = float(f"{scatter / abs(found.mass):.2g}")
             keys["sensor_pose.acceleration_std"] = Known(std, "of the scatter of the forces in motion")
     of_tool, more = tool_keys(found, "tool.mass" in stated)
-    return {**keys, **of_tool}, [*notes, *more], log
+    return {**keys, **of_tool}, [*notes, *more], read_poses(path, setup) if static else log
 
 
 def _of_tables(tables: Sequence[Table]) -> Keys:

@@ -14,7 +14,7 @@ from ftbias_jax.setup.dump import MEASURE, Known
 from ftbias_jax.setup.rotations import skew
 from ftbias_jax.types import Array
 
-MOST_SAMPLES = 5000
+LEAST_SAMPLES, MOST_SAMPLES = 6, 5000
 OUTLIER = 4.0
 """Scaled median deviations beyond which a sample is contact or fast motion, and left out."""
 ROUNDS = 4
@@ -28,6 +28,8 @@ NOT_TURNED = (
     "the sensor is not turned in this log, so its weight shows nothing of the tool: ftbias filter takes an unknown "
     "weight as part of the bias of such a log"
 )
+STATIC = 0.5
+"""s from which on rows are taken as poses at rest."""
 QUIET = 1.0
 """s, least length of the stretches that are looked at."""
 FEWEST = 20
@@ -51,7 +53,7 @@ class Weighed(NamedTuple):
     center_of_mass: Array
     """(3,) m, sensor frame."""
     mass_stderr: float
-    """kg, as if one sample a second were independent."""
+    """kg, as if one sample a second were independent, and of static poses as many as their correlation leaves."""
     center_stderr: Array
     """(3,) m, the same, of the torques alone; MOST_OPEN at most."""
     residual: float
@@ -92,7 +94,7 @@ def weigh(
     """
     complete = np.flatnonzero(np.isfinite(wrench).all(1) & np.isfinite(rotations).all((1, 2)))
     rows = complete[:: max(1, len(complete) // MOST_SAMPLES)]
-    if len(rows) < 20:
+    if len(rows) < LEAST_SAMPLES:
         return None
     support = -np.einsum("tji,j->ti", rotations[rows], gravity)  # what carries one kilogram, sensor frame
     force, torque = wrench[rows, :3], wrench[rows, 3:]
@@ -108,10 +110,13 @@ def weigh(
         for number in np.unique(piece):
             at = piece == number
             error[at] -= np.median(error[at & kept] if (at & kept).any() else error[at], 0)
+        along = (error[1:] * error[:-1])[kept[1:] & kept[:-1]].sum() / max((error[kept] ** 2).sum(), 1e-300)
         error = np.linalg.norm(error, axis=1)
         kept = error < OUTLIER * 1.4826 * np.median(error) + 1e-9
     residual = float(np.sqrt((error[kept] ** 2).mean()))
     seconds = max(1.0, np.ptp(t[rows]) * kept.mean())
+    if np.median(np.diff(t[rows])) > STATIC:  # the bias may drift from pose to pose
+        seconds = max(1.0, kept.sum() * (1 - max(along, 0)) / (1 + max(along, 0)))
     stderr = residual / np.sqrt(turned / len(swing) * seconds)
     arms, torques = (_about_means(x[kept], piece[kept]) for x in (support, torque))
     moment, moment_stderr = _first_moment(arms, torques, seconds)

@@ -13,6 +13,7 @@ from ftbias_jax.io.ros.record import Wanted, is_ros, read_recording
 from ftbias_jax.io.tables.arrays import ARRAY_FILES, ARRAYS, COLUMNS, POSE_ARRAYS, suffix_of
 from ftbias_jax.io.tables.columns import Columns
 from ftbias_jax.io.tables.headers import Match, matches, some
+from ftbias_jax.io.tables.poses import FEWEST, MOST
 from ftbias_jax.io.tables.streams import unknown_format
 from ftbias_jax.setup.dump import Known
 from ftbias_jax.setup.recorded import TIME_UNITS
@@ -22,6 +23,8 @@ CENTURY = (9.4e8, 4.1e9)
 """s since 1970: stamps of a clock that is set lie between 2000 and 2100."""
 LONGEST_RUN = 1e8
 """s: other clocks start when a computer does."""
+FASTEST = 3.0
+"""rad/s from row to row in the median of them: no log of motion turns so fast all along."""
 WIDTHS = {3: "axis_angle", 9: "matrix", 4: "quaternion_xyzw"}
 """Numbers of an orientation -> what it may be."""
 ORIENTATIONS = ("quaternion_xyzw", "matrix", "axis_angle")
@@ -58,6 +61,8 @@ class Table(NamedTuple):
     """Names of all columns of a table that has columns."""
     found: Mapping[str, Match] = {}
     """Quantity -> the columns that are most likely it, by their names."""
+    static: bool = False
+    """Whether its rows can be readings at rest, one a pose; without stamps a rate makes them a log."""
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -86,8 +91,9 @@ def look(path: str) -> Table:
         header.extend(names)
         likely = {name: likeliest(matches(name, names)) for name in (*QUANTITIES, *PARTS.values(), *ORIENTATIONS)}
         found.update({name: match for name, match in likely.items() if match})
-        time, felt = (found[name].names if name in found else () for name in ("time", "accelerometer"))
-        return {"t": time, "dq": felt}
+        moved = next((name for name in (*ORIENTATIONS, "position") if name in found), "")
+        wanted = {"t": "time", "q": moved, "dq": "accelerometer"}
+        return {array: found[name].names if name in found else () for array, name in wanted.items()}
 
     values = COLUMNS[suffix](path, choose)
     return _of_columns(path, header, found, values)
@@ -118,19 +124,22 @@ def _of_arrays(path: str, arrays: Mapping[str, Array]) -> Table:
     orientation = arrays.get("orientation")
     width = 0 if orientation is None else int(np.prod(np.shape(orientation)[1:]))
     time = arrays.get("t", arrays.get("t_wrench"))
+    time = None if time is None or np.ndim(time) != 1 else np.asarray(time)
+    motion = arrays.get("q") if orientation is None else orientation
     return Table(
         path=path,
         has={PARTS.get(name, name) for name in arrays},
-        time=None if time is None or np.ndim(time) != 1 else np.asarray(time),
+        time=time,
         joints=np.shape(arrays["q"])[1] if "q" in arrays and np.ndim(arrays["q"]) == 2 else 0,
         orientation=WIDTHS.get(width, ""),
         named=width != 4,
         accelerometer=arrays.get("specific_force"),
+        static=is_static(time, motion),
     )
 
 
 def _of_columns(path: str, header: Sequence[str], found: Mapping[str, Match], values: Mapping[str, Array]) -> Table:
-    """Of the names of all columns, and as "t" and "dq" the stamps and the accelerometer."""
+    """Of the names of all columns, and as "t", "q" and "dq" the stamps, what moves and the accelerometer."""
     used = {name for match in found.values() for name in match.names}
     for name in (name for name in dict.fromkeys(header) if header.count(name) > 1):
         if some("position", [name], ()) or name in used:
@@ -147,7 +156,28 @@ def _of_columns(path: str, header: Sequence[str], found: Mapping[str, Match], va
         names=found["position"].joints if "position" in found else (),
         header=tuple(header),
         found=found,
+        static=is_static(values.get("t"), values.get("q")),
     )
+
+
+def is_static(time: Array | None, motion: Array | None) -> bool:
+    """Whether rows can be static poses: few, and far apart in time, or in turning if other units of time are possible.
+
+    Args:
+        time: (N,) stamps as stored; None = none.
+        motion: (N, ...) joints or orientations; None = there are none.
+    """
+    if motion is None or not FEWEST <= len(motion) <= MOST:
+        return False
+    if time is None or len(time) != len(motion):
+        return time is None
+    step, unit = float(np.median(np.diff(time))), time_unit(time)
+    if step * (1e-9 if time.dtype.kind == "i" and np.ptp(time) > 1e6 else 1.0) * LOWEST_RATE <= 1:
+        return False
+    rows = np.reshape(motion, (len(motion), -1))
+    rows = rows * (np.pi / 180 if np.nanmax(np.abs(rows), initial=0.0) > 4 * np.pi else 1.0)
+    turn = np.nanmedian(np.linalg.norm(np.diff(rows, axis=0), axis=1))
+    return not unit or bool(turn > FASTEST * step * TIME_UNITS[unit] * 1e-9)
 
 
 def time_unit(t: Array) -> str:
@@ -207,14 +237,14 @@ def stated_columns(table: Table, joints: Sequence[str] | None = None) -> dict[st
     return keys
 
 
-def left_to_choose(tables: Sequence[Table], rate: float | None = None) -> dict[str, Known]:
+def left_to_choose(tables: Sequence[Table], timed: bool = True) -> dict[str, Known]:
     """Keys of [log.columns] without a value, for what no table shows by its names, with the columns to choose from.
 
-    With a rate, Hz, that somebody states, no stamps are missed.
+    Stamps are missed only if the tables must be ``timed``.
     """
     tables_of_columns = [table for table in tables if table.header]
     found = {
-        "time": rate is not None or all("time" in table.found for table in tables_of_columns),
+        "time": not timed or all("time" in table.found for table in tables_of_columns),
         "position": any(table.joints or table.orientation for table in tables),
         "wrench": any("wrench" in table.has for table in tables),
     }

@@ -106,6 +106,12 @@ def poses_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "")
     return Poses(t, timed, log.q[whole], log.wrench[whole], repairs)
 
 
+def as_log(poses: Poses) -> Log:
+    """The same as a log, of which neither rates nor temperatures are known."""
+    unknown = np.full(poses.q.shape, np.nan)
+    return Log(poses.t, poses.q, unknown, poses.wrench, unknown[:, 0], repairs=poses.repairs)
+
+
 def _check(t: Array, file: str) -> None:
     if not FEWEST <= len(t) <= MOST:
         remedy = f"give {FEWEST} to {MOST} static poses, or a log of motion with its time"

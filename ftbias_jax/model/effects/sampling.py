@@ -38,7 +38,7 @@ def widen_noise(values: EffectValues, variance: Array, rate: Array) -> Array:
 
 
 def vibration(values: EffectValues, key: Array, record: Record) -> Record:
-    """White noise whose variance is a sum over the speeds of the joints, beside the noise at rest."""
+    """White noise whose variance is a sum over the speeds of the motion, beside the noise at rest."""
     if record.dq is None:
         return record
     shaking = jnp.sqrt(shaken(values, record.dq)) * jax.random.normal(key, record.wrench.shape, record.wrench.dtype)
@@ -46,7 +46,7 @@ def vibration(values: EffectValues, key: Array, record: Record) -> Record:
 
 
 def shaken(values: EffectValues, dq: Array) -> Array:
-    """(T, 6) N^2, Nm^2 that vibration adds at speeds of the joints (T, n) rad/s, NumPy or JAX."""
+    """(T, 6) N^2, Nm^2 that vibration adds at the speeds (T, s) rad/s of ``speeds_of``, NumPy or JAX."""
     rows = dq.__array_namespace__().broadcast_to(values["variance"], (dq.shape[1], 6))
     return MotionNoise(rows, values["speed"]).variance(dq)
 
@@ -143,28 +143,28 @@ EFFECTS = (
             Parameter(
                 "variance",
                 "N^2/(rad/s)^2, Nm^2/(rad/s)^2",
-                "noise variance per squared speed of a joint: a row of six channels for each joint, or one for all",
+                "noise variance per squared speed of a joint: a row of six channels for each joint, or one for all or "
+                "for the turning of a recorded pose",
                 **within((-1, 6), 0.0, 1e6, 0.0, (0.25 * _NEWTON[None]) ** 2, search=True),
             ),
             Parameter(
                 "speed",
                 "rad/s",
-                "of a joint, from which its part of the variance grows with the speed and no longer with its square",
+                "from which the part of a joint in the variance grows with the speed and no longer with its square",
                 **within((), 1e-4, np.inf, np.inf, 0.5, search=True, optional=True),
             ),
         ),
-        "the noise grows with the speed of the joints; at rest it is what the setup says",
+        "the noise grows with the speed of the motion; at rest it is what the setup says",
         "keep it in the setup, so that the filter trusts fast motion less; look for loose screws, worn gears and "
         "cables that shake; tare at rest",
         recording=vibration,
-        needs_motion="joints",
         fit=Fitting(Samples(GROWTH, first=True)),
         twins=(
             Twin("noise_level", False, "hold still for some seconds: the noise of vibration is then gone"),
             Twin("stamp_jitter", False, "move fast without load: the noise of jitter needs a wrench that changes"),
         ),
         filter_noise="vibration",
-        statement=growth("noise grows with motion: {value} of {channel} with all joints at 1 rad/s", "variance"),
+        statement=growth("noise grows with motion: {value} of {channel} at 1 rad/s", "variance"),
     ),
     Effect(
         "saturation",

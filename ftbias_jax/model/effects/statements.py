@@ -146,7 +146,7 @@ def events(estimates: Estimates, words: str, name: str, start: str) -> str:
 
 @_form
 def growth(estimates: Estimates, words: str, name: str) -> str:
-    """Variance per squared speed (n, 6): the standard deviation at 1 rad/s of every joint, where it is largest."""
+    """Variance per squared speed (n, 6): the standard deviation at 1 rad/s, of every joint, where it is largest."""
     total = np.sqrt(np.nansum(np.asarray(estimates[name].value, float).reshape(-1, len(AXES)), 0))
     largest = int(np.argmax(total / USUAL))
     return words.format(value=f"{total[largest]:.2g} {AXIS_UNITS[largest]}", channel=AXES[largest])

@@ -87,7 +87,7 @@ class Record(NamedTuple):
     noise: Array
     """(T, 6) N, Nm, the white noise in ``wrench``."""
     dq: Array | None = None
-    """(T, n) rad/s, speeds of the joints, for noise that grows with them; None = at rest."""
+    """(T, s) rad/s of ``speeds_of``, for noise that grows with them; None = at rest."""
 
 
 Neutral = float | Array | Callable[[Model], Array]

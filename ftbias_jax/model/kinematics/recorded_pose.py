@@ -10,10 +10,11 @@ with * the conjugate, w the angular velocity and w' the angular acceleration, bo
 """
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
@@ -92,6 +93,20 @@ def motions_of(
 ) -> ArmMotion:
     """The motion at many samples, of an arm (``arm_batch.arm_motion``) or of a recorded body."""
     return body_motions(carrier, q, dq, ddq) if isinstance(carrier, FreeBody) else arm_motion(carrier, q, dq, ddq)
+
+
+def speeds_of(carrier: Any, rates: Any) -> Any:
+    """(..., s) rad/s by which noise may grow, NumPy or JAX: of each joint, or of the turning of a recorded body.
+
+    Args:
+        carrier: an Arm or a FreeBody.
+        rates: (..., n) of the joints, or of the entries of a pose, whose quaternion has length one and moves by half of
+            the angle.
+    """
+    if not isinstance(carrier, FreeBody):
+        return rates
+    smallest = np.finfo(rates.dtype).tiny  # the root has no slope at rest
+    return 2 * ((rates[..., :4] ** 2).sum(-1) + smallest)[..., None] ** 0.5
 
 
 class SensorPath(NamedTuple):

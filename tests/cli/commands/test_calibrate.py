@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import still_logs
 from made_judged import judged
+from scipy.spatial.transform import Rotation
 
 from ftbias_jax.cli.main import main
 from ftbias_jax.commissioning.result import CALIBRATED, GIVEN, Calibrated, Step
@@ -49,6 +50,20 @@ def test_it_prints_steps_and_errors_and_writes_what_was_asked_for(calls, capsys)
     with open("out.json") as file:
         assert json.load(file)["kept"] == ["low_pass"]
     assert main(command.split()) == 0, "its own outputs are replaced"
+
+
+def test_static_poses_are_calibrated_by_the_tool_alone(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    turned = Rotation.random(20, np.random.default_rng(1))
+    weight = 9.81 * turned.inv().apply([0, 0, 1])
+    wrench = np.hstack([0.8 * weight, np.cross([0.0, 0.01, 0.05], 0.8 * weight)]) + 0.5
+    wrench += 0.01 * np.random.default_rng(2).normal(size=(20, 6))
+    np.savez("poses.npz", orientation=turned.as_quat(), wrench=wrench)
+    assert main(["calibrate", "poses.npz", "-o", "out.toml"]) == 0
+    assert "20 static poses" in capsys.readouterr().out
+    assert load_setup("out.toml").tool.mass == pytest.approx(0.8, abs=0.01)
+    assert main(["calibrate", "poses.npz", "-o", "page.toml", "--html", "page.html"]) == 2
+    assert "static poses have no unseen end" in capsys.readouterr().err
 
 
 def test_without_a_setup_it_drafts_one(calls):

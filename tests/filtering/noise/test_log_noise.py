@@ -189,7 +189,7 @@ def test_a_reader_is_told_what_the_log_shows():
     assert [line.split(":")[0] for line in lines] == [
         "the bias at the start is far from what the setup expects, by N, Nm",
         "contact from 3.00 to 4.50 s, up to 5 N",
-        "the noise grows with the speed of the joints; the filter takes what the scatter of the log shows",
+        "the noise grows with the speed of the motion; the filter takes what the scatter of the log shows",
         "scatter of single readings at rest, per stated noise_std",
         "errors that vary slowly (N, Nm and correlation time)",
         "standard deviations of the bias are enlarged, by what the innovations still contradict",

@@ -1,5 +1,6 @@
 """Tables and arrays that nobody has described: the draft finds how they were recorded, and weighs the tool."""
 
+import log_files
 import made_weights as made
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.draft.draft import Request, draft
 from ftbias_jax.io.draft.table import look, patterns, time_unit
+from ftbias_jax.io.info import describe
 from ftbias_jax.io.pose import STANDARD_GRAVITY
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.robots import built_in_robot
@@ -32,7 +34,7 @@ def motion():
 
 def wrench_of(turned, acceleration=0.0, sign=1.0):
     force = made.MASS * np.einsum("tji,tj->ti", turned, acceleration - made.GRAVITY + 0 * turned[:, 0])
-    noise = np.random.default_rng(0).normal(size=(SAMPLES, 6)) * [0.05, 0.05, 0.05, 0.002, 0.002, 0.002]
+    noise = np.random.default_rng(0).normal(size=(len(force), 6)) * np.repeat([0.05, 0.002], 3)
     return sign * np.hstack([force, np.cross(made.CENTER, force)]) - made.BIAS + noise
 
 
@@ -56,6 +58,25 @@ ORIENTATIONS = {
     ("matrix", True): lambda r: r.inv().as_matrix(),
     ("axis_angle", False): lambda r: r.as_rotvec(),
 }
+
+
+@pytest.mark.parametrize("apart", [None, 12.0])
+def test_static_poses_are_read_weighed_and_told_as_such(tmp_path, apart):
+    """A quaternion in the other order and forces in base axes; 12 s could be 12 ms, but no arm turns so fast."""
+    turned = Rotation.random(30, np.random.default_rng(3))
+    inside = wrench_of(turned.as_matrix(), sign=-1.0)
+    wrench = np.hstack([turned.apply(inside[:, part]) for part in (slice(0, 3), slice(3, 6))])
+    arrays = {"orientation": turned.as_quat()[:, [3, 0, 1, 2]], "wrench": wrench}
+    log_files.write(path := tmp_path / "poses.npz", arrays | ({} if apart is None else {"t": apart * np.arange(30)}))
+    assert "each row as of a pose at rest" in describe(path).verdict
+    setup = drafted(tmp_path, path)
+    assert (setup.pose.orientation, setup.log.wrench_axes) == ("quaternion_wxyz", "base")
+    assert setup.sensor.reports == "wrench_on_sensor"
+    assert (setup.log.time_unit, setup.log.rate) == (None, None)
+    assert_weighed(setup)
+    info = describe(path, setup)
+    assert info.poses
+    assert np.isnan(info.streams[0].rate) == (apart is None)
 
 
 @pytest.mark.parametrize(("order", "conjugate"), ORIENTATIONS)
