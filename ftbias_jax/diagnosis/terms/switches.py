@@ -103,10 +103,10 @@ def _suggested(state: State, seen: _Seen) -> Iterator[np.ndarray]:
         if len(rows) and tuple(rows) not in tried:
             tried.add(tuple(rows))
             found = _refined(along, square, edges, rows)
-            # Once more beside the bias that goes with these times.
-            better_along, *better = beside(_bias_beside(seen, found))
-            rows = _switched_at(better[0], weight, better[1], share, shortest)
-            yield _times_of(state, _refined(better_along, square, edges, rows) if len(rows) else found)
+            # Once more, beside the bias that goes with these times.
+            along_then, x_then, cuts_then = beside(_bias_beside(seen, found))
+            rows = _switched_at(x_then, weight, cuts_then, share, shortest)
+            yield _times_of(state, _refined(along_then, square, edges, rows) if len(rows) else found)
 
 
 def _switched_at(x: np.ndarray, weight: np.ndarray, cuts: np.ndarray, share: float, shortest: int) -> np.ndarray:
