@@ -30,7 +30,7 @@ from ftbias_jax.model.effects.types import Model, Signals, Values
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.model.kinematics.recorded_pose import speeds_of
 from ftbias_jax.model.own_effects import catalogue_of_setup
-from ftbias_jax.model.params import Params
+from ftbias_jax.model.params import Params, unknown_acceleration
 from ftbias_jax.setup.types import Setup
 
 NEGLIGIBLE, POINT = 1e-6, (1.0, 0.0, 0.0, 0.05, 0.0025, 0.0, 0.0, 0.0025, 0.0, 0.0)
@@ -54,6 +54,8 @@ class Part(NamedTuple):
     """As a filter finds it."""
     coherent: np.ndarray = np.zeros((0, 6))
     """(U, 6) N^2, Nm^2: what averaging over a bin does not reduce of the noise, most of it the error of the joints."""
+    unseen: np.ndarray = np.zeros(6)
+    """(6,) N, Nm: standard deviation of the tool's wrench by accelerations that nobody recorded."""
 
     def with_variance(self, variance: np.ndarray) -> Part:
         """The same log with another noise of its mean readings, (B, 6) N^2, Nm^2."""
@@ -182,7 +184,8 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     late = float(np.max(found.jitter.parameters["std"])) if found.jitter.detected else 0.0
     of_samples, catalogue = (late * rate) ** 2 + found.in_motion.variance(speed), catalogue_of_setup(setup)
     part, count = _bin(params, log, joints, joint_variance + coherent, of_samples, found, catalogue)
-    return part._replace(touched=contacts), count, params.effects or {}, found
+    part = part._replace(touched=contacts, unseen=np.sqrt(unknown_acceleration(setup)))
+    return part, count, params.effects or {}, found
 
 
 def noise_on_lattice(found: SampleFindings, stated_std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -93,6 +93,8 @@ MOST_OF_LOG, LONGEST_EVENT, SURELY_EVENT = 0.35, 5.0, 3.0
 MOST_OF_LOG_IF_SEEN, SEEN = 0.7, 0.75
 """Share of the log, and of the events, that a filter's search for contact takes for it, too. [physics] In 49 logs
 without contact it finds a tenth of a second of it. [dev]"""
+CREST = 10.0
+"""Standard deviations of accelerations that nobody recorded: an arm that stops and goes reaches as many. [physics]"""
 LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.005
 """nats, and share of the largest, of the tents at an event's end. [dev]"""
 CLEAR_HATS = 2

@@ -123,7 +123,7 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
         BiasNoise(
             setup.bias.noise_density,
             _data_variance(setup, dtype),
-            sensor.noise_std**2 + _unknown_acceleration(setup),
+            sensor.noise_std**2 + unknown_acceleration(setup),
             np.concatenate([setup.bias.initial, setup.bias.initial_drift]),
             np.concatenate([setup.bias.initial_std, setup.bias.initial_drift_std]),
             correlated_std=sensor.correlated_std,
@@ -186,7 +186,7 @@ def _data_variance(setup: Setup, dtype: Any) -> Float[Array, " 36"] | None:
     return jax.jit(data_variance)(stds, as_array(setup.robot.gravity, dtype))
 
 
-def _unknown_acceleration(setup: Setup) -> Float[Array, " 6"]:
+def unknown_acceleration(setup: Setup) -> Float[Array, " 6"]:
     """(6,) N^2, Nm^2: variance of the tool's wrench by accelerations that nobody recorded, the same in all axes."""
     if setup.pose is None or setup.pose.linear != "none" or setup.sensor.compensated == "tool":
         return np.zeros(6)

@@ -57,6 +57,19 @@ def test_without_positions_turning_alone_shows_the_cause(name):
     assert dict(diagnosis.not_tested)["tool_flexibility"] == "the sensor's acceleration is not recorded"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("force", [1.5, 8.0])
+def test_without_positions_contact_is_what_accelerations_cannot_be(force):
+    """The stated 0.3 m/s^2 moves the tool with 0.21 N; ten times that may be an arm that stops and goes."""
+    setup = setup_of("none")
+    log = ft.simulate(setup, duration=30, rate=200, seed=1).log
+    wrench = np.array(log.wrench)
+    for start, axis in zip((5, 11, 17, 23), (0, 1, 2, 0), strict=True):
+        wrench[(log.t > start) & (log.t < start + 0.6), axis] += force * (1 if start < 20 else -1)
+    diagnosis = ft.diagnose(setup, [log._replace(wrench=wrench)])
+    assert ("contact" in [cause.effect for cause in diagnosis.causes]) == (force > 10 * 0.21)
+
+
 def test_the_mended_setup_filters_the_log(setup, tmp_path):
     made = ft.simulate(setup, EFFECTS["mount_rotation"], duration=30, rate=200, seed=1)
     diagnosis = ft.diagnose(setup, [made.log])

@@ -37,10 +37,9 @@ def touches(
     seen = [Event(log, one.start, one.end) for log, part in enumerate(problem.parts) for one in part.touched.contacts]
     ways = ((_pursue(library, alone), alone), (seen, accepted.error))
     for name, (events, error) in product(names, ways):
-        if not events:
-            continue
-        trimmed = _trimmed(problem, name, error, merge(events))
-        shapes = [shaped_events(problem, name, trimmed, tents) for tents in SHAPES]
+        trimmed = _trimmed(problem, name, error, merge(events)) if events else []
+        strong = _beyond_motion(problem, name, error, trimmed)
+        shapes = [shaped_events(problem, name, strong, tents) for tents in SHAPES if strong]
         gains = [
             (_gain(accepted, whitened_series(problem, h.shapes)), h)
             for h in shapes
@@ -135,6 +134,18 @@ def _trimmed(problem: Problem, effect: str, error: np.ndarray, events: list[Even
             break
         events = trimmed
     return events
+
+
+def _beyond_motion(problem: Problem, effect: str, error: np.ndarray, events: list[Event]) -> list[Event]:
+    """Those of events in innovations (U, 6) that push more than accelerations that nobody recorded do."""
+    least = thresholds.CREST * max(part.unseen[:3].max() for part in problem.parts)
+    if not least or not events:
+        return events
+    h = shaped_events(problem, effect, events, SHAPES[0])
+    coefficients, _ = projection(whitened_series(problem, h.shapes))(error[None])
+    forces = np.abs(coefficients.reshape(-1, 6)[:, :3]).max(1)
+    by_event = np.split(forces, np.cumsum([one.series for one in shaped(h)])[:-1])
+    return [event for event, force in zip(events, by_event, strict=True) if force.max() > least]
 
 
 def parts_of(event: Event, nats: np.ndarray) -> list[Event]:
