@@ -25,6 +25,8 @@ LONGEST_RUN = 1e8
 """s: other clocks start when a computer does."""
 FASTEST = 3.0
 """rad/s from row to row in the median of them: no log of motion turns so fast all along."""
+APART = 0.05
+"""rad from row to row in the median: without stamps, rows that are closer are those of a motion."""
 WIDTHS = {3: "axis_angle", 9: "matrix", 4: "quaternion_xyzw"}
 """Numbers of an orientation -> what it may be."""
 ORIENTATIONS = ("quaternion_xyzw", "matrix", "axis_angle")
@@ -167,17 +169,20 @@ def is_static(time: Array | None, motion: Array | None) -> bool:
         time: (N,) stamps as stored; None = none.
         motion: (N, ...) joints or orientations; None = there are none.
     """
-    if motion is None or not FEWEST <= len(motion) <= MOST:
+    if motion is None or motion.ndim < 2 or not FEWEST <= len(motion) <= MOST:
         return False
-    if time is None or len(time) != len(motion):
-        return time is None
+    if time is not None and len(time) != len(motion):
+        return False
+    rows = np.reshape(motion, (len(motion), -1))
+    rows = rows * (np.pi / 180 if np.abs(rows[np.isfinite(rows)]).max(initial=0.0) > 4 * np.pi else 1.0)
+    turns = np.linalg.norm(np.diff(rows, axis=0), axis=1)
+    turn = float(np.median(turns[np.isfinite(turns)])) if np.isfinite(turns).any() else 0.0
+    if time is None:
+        return turn > APART
     step, unit = float(np.median(np.diff(time))), time_unit(time)
     if step * (1e-9 if time.dtype.kind == "i" and np.ptp(time) > 1e6 else 1.0) * LOWEST_RATE <= 1:
         return False
-    rows = np.reshape(motion, (len(motion), -1))
-    rows = rows * (np.pi / 180 if np.nanmax(np.abs(rows), initial=0.0) > 4 * np.pi else 1.0)
-    turn = np.nanmedian(np.linalg.norm(np.diff(rows, axis=0), axis=1))
-    return not unit or bool(turn > FASTEST * step * TIME_UNITS[unit] * 1e-9)
+    return not unit or turn > FASTEST * step * TIME_UNITS[unit] * 1e-9
 
 
 def time_unit(t: Array) -> str:
