@@ -76,6 +76,7 @@ def test_what_is_not_fitted_stays_as_it_is_stated(log, right):
     assert jnp.all(near_the_level(wrong, [log], ("wrench_std",), ft.Options()).bias.density == wrong.bias.density)
 
 
+@pytest.mark.slow
 def test_tuning_from_far_off_ends_where_tuning_from_the_truth_does(log):
     wrong = replace(
         SETUP,

@@ -113,6 +113,7 @@ def test_it_is_taken_where_it_holds_out_better_and_forecasts_no_worse(moving, pl
     assert is_better(moving, plain) == taken
 
 
+@pytest.mark.slow
 def test_tune_writes_the_vibration_of_a_log():
     tables = tomllib.loads(small_archive.SETUP)
     setup = ft.parse_setup(tables, "setup.toml")

@@ -70,6 +70,7 @@ def test_without_positions_contact_is_what_accelerations_cannot_be(force):
     assert ("contact" in [cause.effect for cause in diagnosis.causes]) == (force > 10 * 0.21)
 
 
+@pytest.mark.slow
 def test_the_mended_setup_filters_the_log(setup, tmp_path):
     made = ft.simulate(setup, EFFECTS["mount_rotation"], duration=30, rate=200, seed=1)
     diagnosis = ft.diagnose(setup, [made.log])

@@ -45,6 +45,7 @@ def test_derivatives_that_a_reverse_pass_does_not_have_are_refused_in_words(para
         derivative(lambda theta: log_likelihood(params._replace(theta=theta), samples), params.theta)
 
 
+@pytest.mark.slow
 def test_by_steps_it_is_the_same_and_has_all_derivatives(params, samples):
     def nats(theta, by_steps=True):
         return log_likelihood(params._replace(theta=theta), samples, burn_in=BURN_IN, by_steps=by_steps)

@@ -154,6 +154,7 @@ def test_an_own_effect_is_named_with_its_parameter(diagnosis):
         assert words in str(diagnosis)
 
 
+@pytest.mark.slow
 def test_the_setup_that_is_made_filters_it_away(diagnosis, dragged, hose, tmp_path):
     fixed = diagnosis.apply(dragged.setup)
     fixed.save(tmp_path / "fixed.toml")
