@@ -108,6 +108,11 @@ def stamps_of(t: Array, log: LogSetup) -> Array:
     return t.astype(np.int64) * unit
 
 
+def seconds_of_a_unit(stamps: Array) -> float:
+    """s that a unit of stamps (T,) stands for: integers that last for long are ns, all others s."""
+    return 1e-9 if stamps.dtype.kind == "i" and len(stamps) and np.ptp(stamps) > 1e6 else 1.0
+
+
 def on_right_clock(t: Array, log: LogSetup, quantity: str) -> Array:
     """(T,) stamps of one stream, s or integers in ns: the rate of its clock taken off, then its offset added.
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.io.check import LOWEST_RATE
 from ftbias_jax.io.draft.robot import Keys
 from ftbias_jax.setup.dump import MEASURE, Known
 from ftbias_jax.setup.rotations import skew
@@ -28,8 +29,6 @@ NOT_TURNED = (
     "the sensor is not turned in this log, so its weight shows nothing of the tool: ftbias filter takes an unknown "
     "weight as part of the bias of such a log"
 )
-STATIC = 0.5
-"""s from which on rows are taken as poses at rest."""
 QUIET = 1.0
 """s, least length of the stretches that are looked at."""
 FEWEST = 20
@@ -115,7 +114,7 @@ def weigh(
         kept = error < OUTLIER * 1.4826 * np.median(error) + 1e-9
     residual = float(np.sqrt((error[kept] ** 2).mean()))
     seconds = max(1.0, np.ptp(t[rows]) * kept.mean())
-    if np.median(np.diff(t[rows])) > STATIC:  # the bias may drift from pose to pose
+    if np.median(np.diff(t)) * LOWEST_RATE >= 1:  # static poses, from one to the next of which the bias may drift
         seconds = max(1.0, kept.sum() * (1 - max(along, 0)) / (1 + max(along, 0)))
     stderr = residual / np.sqrt(turned / len(swing) * seconds)
     arms, torques = (_about_means(x[kept], piece[kept]) for x in (support, torque))

@@ -8,6 +8,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import HIGHEST_RATE, LOWEST_RATE
+from ftbias_jax.io.clock import seconds_of_a_unit
 from ftbias_jax.io.ros.messages import JOINTS, POSE, TEMPERATURE, WRENCH
 from ftbias_jax.io.ros.record import Wanted, is_ros, read_recording
 from ftbias_jax.io.tables.arrays import ARRAY_FILES, ARRAYS, COLUMNS, POSE_ARRAYS, suffix_of
@@ -180,7 +181,7 @@ def is_static(time: Array | None, motion: Array | None) -> bool:
     if time is None:
         return turn > APART
     step, unit = float(np.median(np.diff(time))), time_unit(time)
-    if step * (1e-9 if time.dtype.kind == "i" and np.ptp(time) > 1e6 else 1.0) * LOWEST_RATE <= 1:
+    if step * seconds_of_a_unit(time) * LOWEST_RATE <= 1:
         return False
     return not unit or turn > FASTEST * step * TIME_UNITS[unit] * 1e-9
 

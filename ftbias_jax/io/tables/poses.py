@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import LOWEST_RATE, check_samples
-from ftbias_jax.io.clock import stamps_of
+from ftbias_jax.io.clock import seconds_of_a_unit, stamps_of
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.pose import in_sensor_axes, pose_entries
 from ftbias_jax.io.tables.arrays import TABLES, native_arrays, suffix_of, with_pose
@@ -94,7 +94,7 @@ def poses_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "")
     t = np.arange(count, dtype=float)
     if timed := "t" in arrays:
         times = stamps_of(np.atleast_1d(arrays["t"]), setup.log)
-        t = (times - times[:1]) * (1e-9 if times.dtype.kind == "i" and count and np.ptp(times) > 1e6 else 1.0)
+        t = (times - times[:1]) * seconds_of_a_unit(times)
     if setup.pose is not None:
         q = pose_entries(q, None, t, setup, file).q
     log = check_samples(Log(t, q, np.full(np.shape(q), np.nan), wrench, np.full(count, np.nan)), setup, file=file)

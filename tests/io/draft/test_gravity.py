@@ -1,6 +1,7 @@
 import made_weights as made
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ftbias_jax.io.draft.evidence import weigh
 from ftbias_jax.io.pose import arm_rotations
@@ -61,3 +62,13 @@ def test_a_sensor_set_to_zero_on_the_way_weighs_as_before():
     found = weigh(t, turned, SETUP.robot.gravity, wrench, [t[600]])
     assert abs(found.mass - made.MASS) < 3 * found.mass_stderr < 0.1
     np.testing.assert_allclose(found.center_of_mass, made.CENTER, atol=2e-3)
+
+
+def test_an_hour_of_motion_is_no_series_of_static_poses():
+    """Of so many samples every seventh is looked at, .7 s apart; a second counts as one all the same."""
+    t = np.arange(36000) * 0.1
+    rng, turned = np.random.default_rng(4), Rotation.from_euler("xyz", np.sin(np.outer(t, [0.11, 0.07, 0.05])) * 1.2)
+    weight = -turned.inv().apply(np.array(SETUP.robot.gravity))
+    wrench = np.hstack([0.9 * weight, np.zeros((36000, 3))]) + 0.1 * rng.normal(size=(36000, 6))
+    whole, few = (weigh(t[::step], turned.as_matrix()[::step], SETUP.robot.gravity, wrench[::step]) for step in (1, 8))
+    assert few.mass_stderr == pytest.approx(np.sqrt(3600 / 4500) * whole.mass_stderr, rel=0.05)
