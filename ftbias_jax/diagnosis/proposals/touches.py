@@ -124,12 +124,10 @@ def robust_rest(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
 def _trimmed(problem: Problem, effect: str, error: np.ndarray, events: list[Event]) -> list[Event]:
     """Events that begin and end where innovations (U, 6) put it."""
     for _ in range(TRIMS):
-        h = shaped_events(problem, effect, events, TRIM_HATS)
-        white = whitened_series(problem, h.shapes)
-        coefficients, _ = projection(white)(error[None])
-        nats = ((coefficients.reshape(-1, 1, 6) * white) ** 2).sum((1, 2)) / 2
-        by_event = np.split(nats, np.cumsum([one.series for one in shaped(h)]))
-        trimmed = [part for event, nats in zip(events, by_event[:-1], strict=True) for part in parts_of(event, nats)]
+        coefficients, white, ends = _hats(problem, effect, error, events, TRIM_HATS)
+        nats = ((coefficients[:, None] * white) ** 2).sum((1, 2)) / 2
+        by_event = np.split(nats, ends)
+        trimmed = [part for event, nats in zip(events, by_event, strict=True) for part in parts_of(event, nats)]
         if trimmed == events:
             break
         events = trimmed
@@ -141,11 +139,19 @@ def _beyond_motion(problem: Problem, effect: str, error: np.ndarray, events: lis
     least = thresholds.CREST * max(part.unseen[:3].max() for part in problem.parts)
     if not least or not events:
         return events
-    h = shaped_events(problem, effect, events, SHAPES[0])
-    coefficients, _ = projection(whitened_series(problem, h.shapes))(error[None])
-    forces = np.abs(coefficients.reshape(-1, 6)[:, :3]).max(1)
-    by_event = np.split(forces, np.cumsum([one.series for one in shaped(h)])[:-1])
+    coefficients, _, ends = _hats(problem, effect, error, events, SHAPES[0])
+    by_event = np.split(np.abs(coefficients[:, :3]), ends)
     return [event for event, force in zip(events, by_event, strict=True) if force.max() > least]
+
+
+def _hats(
+    problem: Problem, effect: str, error: np.ndarray, events: list[Event], tents: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Wrenches (H, 6) N, Nm of the hats of events by innovations (U, 6), their whitened series, where events end."""
+    h = shaped_events(problem, effect, events, tents)
+    white = whitened_series(problem, h.shapes)
+    coefficients, _ = projection(white)(error[None])
+    return coefficients.reshape(-1, 6), white, np.cumsum([one.series for one in shaped(h)])[:-1]
 
 
 def parts_of(event: Event, nats: np.ndarray) -> list[Event]:

@@ -36,17 +36,19 @@ def all_carried(problem: Problem, base: Fit) -> Problem | None:
     state = state_of_problem(problem, base)
     loads = of_switches(problem, state, base, ("payload",))
     library = make_library(problem, state, [term for term in loads if np.min(term.parameters["time"]) > 0])
-    for ranked in rank(library, stand(base))[:1]:
-        if not _may_be_all(problem, base, improve(problem, state, stand(base), (ranked.term,), steps=0)):
+    beside = stand(base)
+    for ranked in rank(library, beside)[:1]:
+        if not _may_be_all(problem, base, improve(problem, state, beside, (ranked.term,), steps=0)):
             return None
-        load, error = _timed(problem, state, improve(problem, state, stand(base), (ranked.term,)))
+        load, error = _timed(problem, state, improve(problem, state, beside, (ranked.term,)))
         freed = without_touches(problem, load, error)
         start = fits.base(freed)
         least = enough(freed, start)
-        one = improve(freed, state, stand(start), (load,))
+        beside = stand(start)
+        one = improve(freed, state, beside, (load,))
         closed = gap_of(freed, start._replace(error=one.error)) <= least
         if closed and float((one.error**2).sum()) / 2 <= -with_tool(freed, start).log_likelihood:
-            unseen = Judge(freed)(fit_terms(freed, state, stand(start), one.terms).fit, start.error)
+            unseen = Judge(freed)(fit_terms(freed, state, beside, one.terms).fit, start.error)
             return freed if gap_of(freed, start._replace(error=unseen.error)) <= least else None
     return None
 
