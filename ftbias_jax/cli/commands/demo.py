@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ftbias_jax.cli.given import start_jax
 from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.io.atomic import make_folder
 from ftbias_jax.io.log import Log
@@ -52,10 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"{samples:.3g} samples are no demonstration", field="--duration", remedy=remedy)
     make_folder(folder)
     check_folder(folder)
-
-    from ftbias_jax.runtime.jax_config import prepare_jax
-
-    prepare_jax()
+    start_jax()
     from ftbias_jax.diagnosis.report.tables import parameter_words
     from ftbias_jax.model.simulate_log import simulate
 

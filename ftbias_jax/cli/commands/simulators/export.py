@@ -3,8 +3,9 @@
 import argparse
 import os
 
+from ftbias_jax.cli.given import write_answers
 from ftbias_jax.errors import UsageError
-from ftbias_jax.io.atomic import write_atomic, write_json
+from ftbias_jax.io.atomic import write_json
 from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.io.write.mcap import LAYOUTS
 from ftbias_jax.io.write.ours import EXPORT, SETUP
@@ -29,9 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     text = _exported(arguments)
     if not output:
         print(text, end="")
-        return 0
-    write_atomic(output, lambda file: file.write(text.encode()))
-    print(f"wrote {output}")
+    write_answers({output: lambda path: write_text(path, text)})
     return 0
 
 
