@@ -97,11 +97,6 @@ share = _number(0, 0.9, "a share from 0 to 0.9")
 gate = _number(1, sys.float_info.max, "1 or more standard deviations")
 
 
-def numbers(text: str) -> tuple[float, ...]:
-    """Positive numbers, by commas."""
-    return tuple(positive(number) for number in text.split(","))
-
-
 def fields(text: str) -> tuple[str, ...]:
     """Names of a result's arrays, by commas."""
     from ftbias_jax.io.write.selection import check_fields

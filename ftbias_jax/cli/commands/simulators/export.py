@@ -7,7 +7,7 @@ from ftbias_jax.cli.given import write_answers
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io.atomic import write_json
 from ftbias_jax.io.outputs import check_outputs, check_writable
-from ftbias_jax.io.write.mcap import LAYOUTS
+from ftbias_jax.io.write.mcap import LAYOUTS, layout
 from ftbias_jax.io.write.ours import EXPORT, SETUP
 from ftbias_jax.setup import Setup, load_setup
 from ftbias_jax.setup.export import export_text
@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _exported(arguments: argparse.Namespace) -> str:
     if arguments.format in LAYOUTS:
-        return LAYOUTS[arguments.format]()
+        return layout(arguments.format)
     setup = found_setup(arguments)
     check_outputs({"--output": arguments.output}, setup.files)
     mass = arguments.sensor_mass
