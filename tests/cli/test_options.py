@@ -1,10 +1,34 @@
-"""What options accept, and that they say what else it must be."""
+"""What options accept, and that they say what else it must be; the table of commands names what is there."""
 
+import importlib
 from argparse import ArgumentTypeError
 
 import pytest
 
 from ftbias_jax.cli import options as kinds
+from ftbias_jax.cli.commands.simulators.export import OF_SIMULATORS
+from ftbias_jax.cli.options import COMMANDS
+from ftbias_jax.io.write.mcap import LAYOUTS
+from ftbias_jax.setup.export import FORMATS
+from ftbias_jax.setup.robots import CONVENTIONS, UNITS
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_is_a_function(name):
+    module, _, function = COMMANDS[name].get("where", name).partition(":")
+    assert callable(getattr(importlib.import_module(f"ftbias_jax.cli.commands.{module}"), function or "run"))
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "words"),
+    [
+        ("setup", "--dh-convention", CONVENTIONS),
+        ("setup", "--dh-units", UNITS),
+        ("export", "--format", (*FORMATS, *OF_SIMULATORS, *LAYOUTS)),
+    ],
+)
+def test_words_to_choose_from_are_those_of_the_code(command, option, words):
+    assert tuple(COMMANDS[command]["options"][option]["choices"].split()) == tuple(words)
 
 
 @pytest.mark.parametrize(
