@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.cli.commands.demo import CENTER, EXCURSION
 from ftbias_jax.io.log import Log
 from ftbias_jax.model import simulate, trajectories
 from ftbias_jax.model.effects.types import Values
@@ -19,7 +18,10 @@ T = np.arange(4000) / 200.0
 def recorder(params: Params, seed: int, temperature: Array | None = None) -> Callable[[Values | None], Log]:
     """(effects or None) -> the log of one motion with these effects; the noise is the same in all."""
     trajectory = trajectories.excitation_sines(
-        jax.random.key(seed), jnp.array(T), jnp.array(CENTER), jnp.array(EXCURSION)
+        jax.random.key(seed),
+        jnp.array(T),
+        jnp.array(trajectories.FRANKA_CENTER),
+        jnp.array(trajectories.FRANKA_EXCURSION),
     )
 
     def record(effects: Values | None) -> Log:

@@ -12,7 +12,7 @@ if not __package__:  # python experiments/validation: the folder itself is where
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: threads for small matrices wait for one another
 
-from ftbias_jax.cli.options import count, numbers, seed
+from ftbias_jax.cli.options import count, positive, seed
 from ftbias_jax.cli.terminal import warn
 from ftbias_jax.errors import FtbiasError, OutputError, UsageError
 from ftbias_jax.io.atomic import make_folder, write_json
@@ -39,6 +39,11 @@ def main(words: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(INTERRUPTED, file=sys.stderr)
         return 1
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    """Positive numbers, by commas."""
+    return tuple(map(positive, text.split(",")))
 
 
 def parser() -> argparse.ArgumentParser:

@@ -1,4 +1,4 @@
-"""What a command is given: its setup, its logs, and the files that it may write."""
+"""What a command is given: its setup, its logs, the files that it may write, and JAX."""
 
 import argparse
 from collections.abc import Callable, Iterable, Mapping
@@ -6,7 +6,9 @@ from typing import Any
 
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.find import expand, inputs
+from ftbias_jax.io.atomic import refuse_link
 from ftbias_jax.io.outputs import behind_link, check_outputs, check_writable
+from ftbias_jax.io.write import written
 from ftbias_jax.io.write.ours import CALIBRATION, CHECK, DIAGNOSIS, PAGE, PLAN, SETUP
 from ftbias_jax.setup import Setup, load_setup
 
@@ -16,6 +18,13 @@ SUFFIXES = {CALIBRATION: ".json", CHECK: ".json", DIAGNOSIS: ".json", PAGE: ".ht
 def setup_of(arguments: argparse.Namespace, **more: Any) -> Setup:
     """The setup that ``--setup`` names; further arguments are those of ``load_setup``."""
     return load_setup(arguments.setup, allow_outside=arguments.allow_outside, **more)
+
+
+def start_jax() -> None:
+    """Get JAX ready, once it is known that what is asked for can be done: importing it takes half a second."""
+    from ftbias_jax.runtime.jax_config import prepare_jax
+
+    prepare_jax()
 
 
 def logs_of(
@@ -49,6 +58,9 @@ def logs_of(
     if stated is None:
         stated = (setup.description,) if in_place else setup.files
     check_outputs(outputs, (*inputs(paths, setup.log.files), *stated), kinds, arguments.force)
+    for path in () if in_place else outputs.values():
+        if path:
+            refuse_link(path)
     return paths
 
 
@@ -62,6 +74,15 @@ def only(paths: list[str], result: str) -> str:
         remedy = "give -o a folder's name, without a suffix"
         raise UsageError(f"{len(paths)} logs for {result}", field="-o", remedy=remedy)
     return paths[0]
+
+
+def write_answers(answers: Mapping[str | None, Callable[[str], object]]) -> None:
+    """Write the answers that are asked for, path -> what writes it, and print their paths; "" or None = not asked."""
+    asked = {path: write for path, write in answers.items() if path}
+    for path, write in asked.items():
+        write(path)
+    if asked:
+        print(f"wrote {', '.join(name for path in asked for name in written(path))}")
 
 
 def save_setup(save: Callable[..., object], output: str, arguments: argparse.Namespace, by: str) -> None:

@@ -12,8 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ftbias_jax import __version__
-from ftbias_jax.cli.options import add_command
-from ftbias_jax.cli.parsers import COMMANDS
+from ftbias_jax.cli.options import COMMANDS, add_command
 from ftbias_jax.cli.terminal import print_what_the_terminal_can
 from ftbias_jax.errors import FtbiasError
 from ftbias_jax.runtime.imports import many_imports
@@ -80,8 +79,8 @@ def build_parser() -> argparse.ArgumentParser:
         help=f"print what makes a shell complete commands: {', '.join(SHELLS)}",
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, command in COMMANDS.items():
-        add_command(commands, name, command)
+    for name in COMMANDS:
+        add_command(commands, name)
     return parser
 
 

@@ -1,70 +1,20 @@
-"""What parsers of commands are made of: kinds of values (text -> value, or what it must be), and shared options."""
+"""The parsers of commands: from the table of all options, commands.toml, and kinds of values (text -> value)."""
 
 from __future__ import annotations
 
 import argparse
 import math
 import sys
+import tomllib
 from argparse import ArgumentTypeError
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
-from ftbias_jax.errors import UsageError
-
-Option = Callable[[argparse._ActionsContainer], object]
-"""Adds itself to a parser or to a group of one."""
-
-
-class Command(NamedTuple):
-    """What ``ftbias --help`` and a command's own ``--help`` say, and what the command takes."""
-
-    help: str
-    description: str
-    options: tuple[Option, ...]
-    epilog: str | None = None
-    where: str = ""
-    """MODULE:FUNCTION of ``cli.commands``; "" = ``run`` of the module that has the command's name."""
-
-
-def option(name: str, metavar: str | tuple[str, ...] | None, text: str, **more: Any) -> Option:
-    """An option or a positional argument, as ``add_argument`` takes it."""
-    return lambda parser: parser.add_argument(*name.split(), metavar=metavar, help=text, **more)
-
-
-def flag(name: str, text: str) -> Option:
-    """An option without a value."""
-    return lambda parser: parser.add_argument(name, action="store_true", help=text)
-
-
-def choice(name: str, words: str, text: str) -> Option:
-    """An option that takes one of some words; the first one unless it is given."""
-    return option(name, None, text, choices=words.split(), default=words.split()[0])
-
-
-def group(title: str, *options: Option, description: str | None = None) -> Option:
-    """Options that ``--help`` lists apart."""
-
-    def add(parser: argparse._ActionsContainer) -> None:
-        _add_all(parser.add_argument_group(title, description), options)
-
-    return add
-
-
-def either(*options: Option) -> Option:
-    """Options of which one may be given."""
-    return lambda parser: _add_all(parser.add_mutually_exclusive_group(), options)
-
-
-def _add_all(parser: argparse._ActionsContainer, options: tuple[Option, ...]) -> None:
-    for add in options:
-        add(parser)
-
-
-def add_command(commands: argparse._SubParsersAction[argparse.ArgumentParser], name: str, command: Command) -> None:
-    """Add the parser of a command to those of the whole command line."""
-    parser = commands.add_parser(name, help=command.help, description=command.description, epilog=command.epilog)
-    _add_all(parser, command.options)
-    parser.set_defaults(where=command.where or name)
+COMMANDS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("commands.toml").read_text(encoding="utf-8"))
+"""Name -> what ``ftbias --help`` and a command's own ``--help`` say, and what the command takes."""
+SHARED: dict[str, Any] = COMMANDS.pop("shared")
+"""Options and groups of several commands."""
 
 
 def _whole(least: int, most: int) -> Callable[[str], int]:
@@ -97,22 +47,11 @@ share = _number(0, 0.9, "a share from 0 to 0.9")
 gate = _number(1, sys.float_info.max, "1 or more standard deviations")
 
 
-def numbers(text: str) -> tuple[float, ...]:
-    """Positive numbers, by commas."""
-    return tuple(positive(number) for number in text.split(","))
-
-
 def fields(text: str) -> tuple[str, ...]:
     """Names of a result's arrays, by commas."""
-    from ftbias_jax.io.write.selection import check_fields
-
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     if not names:
         raise ArgumentTypeError("names no field")
-    try:
-        check_fields(names)
-    except UsageError as error:
-        raise ArgumentTypeError(f"{error.message} ({error.remedy})") from error
     return names
 
 
@@ -134,49 +73,40 @@ def process(text: str) -> tuple[str, int, int]:
     raise ArgumentTypeError(f"must be HOST:PORT,N,I with I from 0 to N - 1, not {text!r}")
 
 
-LOGS_OF_ONE = "logs of the same robot, sensor and tool; folders to search, or patterns in quotes"
-"""What ``fleet.find.expand`` takes."""
-LOGS = option("logs", "LOG", LOGS_OF_ONE, nargs="+")
+KINDS: dict[str, Callable[[str], Any]] = {
+    **{"count": count, "restarts": restarts, "seed": seed, "positive": positive, "share": share, "gate": gate},
+    **{"float": float, "fields": fields, "shard": shard, "process": process},
+}
+"""By the names that they have in the table."""
 
 
-def setup(text: str = "robot, sensor, tool and noise") -> Option:
-    """The setup that a command reads."""
-    return option("--setup", "SETUP.toml", text, required=True)
+def add_command(commands: argparse._SubParsersAction[argparse.ArgumentParser], name: str) -> None:
+    """Add the parser of a command to those of the whole command line."""
+    stated = COMMANDS[name]
+    words = {what: stated.get(what) for what in ("help", "description", "epilog")}
+    parser = commands.add_parser(name, **words)
+    _add_options(parser, stated["options"])
+    for title, group in stated.get("groups", {}).items():
+        options = SHARED["groups"].get(title, {}) | group
+        apart = parser.add_argument_group(title, options.pop("description", None))
+        _add_options(apart, options, options.pop("either", "").split())
+    parser.set_defaults(where=stated.get("where", name))
 
 
-def output(metavar: str, text: str, **more: Any) -> Option:
-    """Where a command writes its result."""
-    return option("-o --output", metavar, text, **more)
+def _add_options(parser: argparse._ActionsContainer, options: Mapping[str, Any], either: Sequence[str] = ()) -> None:
+    """Add options to a parser or to a group of one; of those that ``either`` names one may be given."""
+    exclusive = parser.add_mutually_exclusive_group() if either else parser
+    for name, stated in options.items():
+        given = SHARED["options"][name] if stated is True else stated
+        (exclusive if name in either else parser).add_argument(*name.split(), **_as_argparse_takes_it(given))
 
 
-def length(seconds: float, rate: float) -> tuple[Option, Option]:
-    """Of a simulated log."""
-    return (
-        option("--duration", "S", "seconds (%(default)s)", type=positive, default=seconds),
-        option("--rate", "HZ", "samples a second (%(default)s)", type=positive, default=rate),
-    )
+def _as_argparse_takes_it(stated: str | Mapping[str, Any]) -> dict[str, Any]:
+    if isinstance(stated, str):
+        return {"action": "store_true", "help": stated}
+    read: dict[str, Callable[[Any], Any]] = {"type": KINDS.__getitem__, "choices": str.split, "metavar": _metavar}
+    return {word: read[word](value) if word in read else value for word, value in stated.items()}
 
 
-SEED = option("--seed", "N", "of the random numbers (%(default)s)", type=seed, default=0)
-IN_PLACE = flag("--in-place", "replace SETUP.toml by the result")
-HOLD_OUT = option("--hold-out", "SHARE", "end of every log kept to judge by (%(default)s)", type=share, default=0.25)
-UNCHECKED = flag("--unchecked", "do not look first whether the setup can be right (ftbias check)")
-OUTSIDE = flag("--allow-outside", "let [log.files] of the setup name addresses, and files outside of the log's folder")
-FORCE = flag("--force", "replace files that ftbias did not write as the same kind of output")
-OWN_EFFECTS = option(
-    "--effects",
-    "FILE.py",
-    "Python file that defines effects of your own, which is run; or the name of an installed package's; may be "
-    "repeated",
-    dest="own_effects",
-    action="append",
-    default=[],
-)
-FOLDER = (
-    option("--jobs", "N", "logs at a time (%(default)s)", type=count, default=1),
-    option("--shard", "I/N", "work on the I-th of N shares only, 1/N to N/N", type=shard, default=(1, 1)),
-    option("--executor", "NAME", "workers of a cluster do the logs: dask:tcp://HOST:PORT, ray or ray:ADDRESS"),
-    flag("--verify", "read results that are done, and make those again that have changed"),
-)
-"""Of commands that work on many logs into a folder."""
-ARCHIVE = group("for a folder", *FOLDER)
+def _metavar(value: str | list[str]) -> str | tuple[str, ...]:
+    return tuple(value) if isinstance(value, list) else value

@@ -12,9 +12,9 @@ from ftbias_jax.commissioning.judged import CONSTANT, HEAD, HELD_TARE, Judged, t
 from ftbias_jax.diagnosis.report.page import html_table, section, typeset, whole_page
 from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.result import Diagnosis
-from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.setup.dump import dump_setup
+from ftbias_jax.setup.save import write_text
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES
 
@@ -104,8 +104,7 @@ class Calibrated:
             + section("What is left", f"<p>{typeset(self.diagnosis.sentence)}</p>" if self.diagnosis else "")
             + section("The setup", f"<pre>{escape(dump_setup(self.setup))}</pre>")
         )
-        page = whole_page("Calibration", body)
-        write_atomic(path, lambda file: file.write(page.encode()))
+        write_text(path, whole_page("Calibration", body))
 
     def plain(self) -> dict[str, Any]:
         """What was kept and refused, and errors of the unseen end, as plain lists and numbers, for JSON."""

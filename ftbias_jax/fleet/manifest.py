@@ -28,6 +28,8 @@ SYNC_SECONDS = 1.0
 """Lines are flushed to disk at least so often; logs done since are done again if the machine loses its power."""
 PUBLISH_SECONDS = 5.0
 """The same of lines that go to a bucket; logs done since are done again if the process is killed."""
+PUBLISH_SHARE = 0.05
+"""Of the time that may be spent on flushing, of which a manifest takes more as it grows: seldomer then."""
 LONGEST_LINE = 2**20
 """Bytes; a line of one log has about a thousand."""
 DAMAGED = (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError)
@@ -60,7 +62,8 @@ class Manifest:
 
     def __init__(self, path: str, publish: Callable[[], None] | None = None) -> None:
         self.path, self._publish = path, publish
-        self._synced = time.monotonic()
+        self._seldom = PUBLISH_SECONDS if publish else SYNC_SECONDS
+        self._next = time.monotonic() + self._seldom
         refuse_link(path)
         with _errors_of(path):
             self._file = open_to_append(path)
@@ -74,9 +77,11 @@ class Manifest:
             self._file.write(line.encode())
             self._file.flush()
             # A run whose manifest cannot be written ends before minutes are spent on it.
-            if kind == "run" or time.monotonic() > self._synced + (PUBLISH_SECONDS if self._publish else SYNC_SECONDS):
+            started = time.monotonic()
+            if kind == "run" or started > self._next:
                 (self._publish or partial(os.fsync, self._file.fileno()))()
-                self._synced = time.monotonic()
+                now = time.monotonic()
+                self._next = now + max(self._seldom, (now - started) / PUBLISH_SHARE)
 
     def add_entry(self, entry: Entry) -> None:
         """Add what became of a log."""

@@ -3,15 +3,11 @@
 Results are written and read as files of a folder. For a bucket that is a temporary one: what is written there is
 published file by file once it is whole, which object stores do whole or not at all, and what is read is copied there.
 
-Objects cannot grow, so what is added to a file becomes an object of its own. It takes the place of the one before it,
-together with that, once it is half as large: so there are few, each byte is sent a few times, and in the end all are
-one. An object is named by the byte at which it starts. If it reaches beyond the start of the next one, a process was
-killed before it could remove that.
+Objects cannot grow: a file to which lines are added is sent as a whole, again and again.
 """
 
 import os
-import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -106,36 +102,18 @@ class Place(NamedTuple):
             make_folder(self.root)
             yield Growing(os.path.join(self.root, name))
             return
-        parts = _parts_of(name, sizes_below(self.root))
-        with self.reading(parts.values()) as folder:
+        with self.reading([name]) as folder:
             path = os.path.join(folder, name)
-            with open(path, "ab") as file:
-                for start, part in list(parts.items())[1:]:
-                    more = Path(folder, part).read_bytes()
-                    if start + len(more) > file.tell():
-                        file.write(more)
-            # Where there are several, some bytes may stand in two of them: the first time all are sent as one.
-            starts, end = list(parts), os.path.getsize(path) if len(parts) < 2 else -1
 
-            def publish(whole: bool = False) -> None:
-                nonlocal starts, end
-                size = os.path.getsize(path)
-                kept = [0] if whole or end < 0 else few_parts([*starts, end], size)
-                if size <= end and len(kept) >= len(starts):
-                    return
-                with told(self.root, OutputError), open(path, "rb") as file:
+            def publish() -> None:
+                with told(self.root, OutputError):
                     system, there = store_of(self.root)
-                    file.seek(kept[-1])
-                    system.pipe_file(_object(there, _part(name, kept[-1])), file.read())
-                    for start in set(starts) - set(kept):
-                        with suppress(FileNotFoundError):
-                            system.rm_file(_object(there, _part(name, start)))
-                starts, end = kept, size
+                    system.put_file(path, _object(there, name))
 
             try:
                 yield Growing(path, publish)
             finally:
-                publish(whole=True)
+                publish()
 
     @contextmanager
     def _named_in_errors(self, folder: str) -> Iterator[None]:
@@ -147,32 +125,6 @@ class Place(NamedTuple):
                 raise
             file = self.path(os.path.relpath(error.file, folder))
             raise type(error)(error.message, file=file, field=error.field, remedy=error.remedy) from error
-
-
-def few_parts(starts: Sequence[int], size: int) -> list[int]:
-    """Where the parts of a file of so many bytes start, if each is less than half as large as that before it.
-
-    Args:
-        starts: of parts that are there, and in the end of what is new, which may become one with those before it.
-        size: of the file.
-    """
-    kept = list(starts)
-    while len(kept) > 1 and 2 * (size - kept[-1]) >= kept[-1] - kept[-2]:
-        kept.pop()
-    return kept
-
-
-def _part(name: str, start: int) -> str:
-    """The object that has a file from byte ``start`` on, a manifest as well; the first one has the file's name."""
-    stem, suffix = os.path.splitext(name)
-    return f"{stem}.from-{start:012d}{suffix}" if start else name
-
-
-def _parts_of(name: str, there: Iterable[str]) -> dict[int, str]:
-    """The objects of a file in their order, by where they start."""
-    stem, suffix = map(re.escape, os.path.splitext(name))
-    found = {part: re.fullmatch(rf"{stem}(?:\.from-(\d{{12}}))?{suffix}", part) for part in there}
-    return dict(sorted((int(match[1] or 0), part) for part, match in found.items() if match))
 
 
 def _object(there: str, name: str) -> str:

@@ -14,7 +14,8 @@ from ftbias_jax.io.write import npz
 def rows_of(printed):
     """Name -> (6,) numbers of the table against the truth."""
     lines = [line for line in printed.splitlines() if re.match(r"(error|inside) ", line)]
-    return {line[:24].strip(): np.array(line[24:].split(), float) for line in lines}
+    cells = (re.split(" {2,}", line) for line in lines)
+    return {name: np.array(numbers, float) for name, *numbers in cells}
 
 
 @pytest.mark.slow

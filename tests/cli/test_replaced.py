@@ -13,7 +13,7 @@ from ftbias_jax.errors import OutputError
 from ftbias_jax.filtering.quality.plot import new_figure, save_figure
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.write import npz, ours, table
-from ftbias_jax.io.write.mcap import LAYOUTS
+from ftbias_jax.io.write.mcap import LAYOUTS, layout
 from ftbias_jax.io.write.provenance import in_words, provenance
 from ftbias_jax.io.write.selection import About
 from ftbias_jax.setup import load_setup
@@ -138,8 +138,8 @@ def test_every_kind_is_known_again_and_told_from_others(folder, make_diagnosis):
     save_figure("figure.pdf", new_figure())
     offsets = dump_offsets(np.zeros(6), remark=in_words(provenance(setup, [], {})))
     write_atomic("offsets.yaml", lambda file: file.write(offsets.encode()))
-    for name, layout in LAYOUTS.items():
-        (folder / f"{name}.xml").write_text(layout())
+    for name in LAYOUTS:
+        (folder / f"{name}.xml").write_text(layout(name))
     assert main(["check", "log.npz", "--setup", "setup.toml", "--json", "check.json"]) in (0, 1)
     found = {path.name: ours.kind_of(path) for path in folder.iterdir()}
     assert found == {

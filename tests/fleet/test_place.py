@@ -6,7 +6,7 @@ import pytest
 from ftbias_jax.errors import LogError, OutputError
 from ftbias_jax.fleet.entry import OK, Entry, LogState
 from ftbias_jax.fleet.manifest import Manifest, contents_of
-from ftbias_jax.fleet.place import Place, few_parts
+from ftbias_jax.fleet.place import Place
 
 NAME = "manifest.filter.jsonl"
 
@@ -69,68 +69,27 @@ def test_names_that_lead_out_of_the_bucket_are_refused(store, monkeypatch):
         Place("memory://bucket/results").named()
 
 
-def objects(store):
-    return sorted(name.rsplit("/", 1)[1] for name in store.find("/bucket/results"))
-
-
-def test_a_file_that_grows_is_few_objects_and_one_in_the_end(store):
-    bucket, sent = Place("memory://bucket/results"), []
-    words = [f"{i:04d}" for i in range(500)]
-    piped = type(store).pipe_file
-    with pytest.MonkeyPatch.context() as patch, bucket.growing(NAME) as (path, publish):
-        patch.setattr(type(store), "pipe_file", lambda *given: (sent.append(len(given[2])), piped(*given)))
-        for i, word in enumerate(words, 1):
+def test_a_file_that_grows_is_one_object_and_goes_on_where_it_was(store):
+    bucket = Place("memory://bucket/results")
+    for word in ("one", "two"):
+        with bucket.growing(NAME) as (path, publish):
             with open(path, "a") as file:
                 file.write(f"{word}\n")
             publish()
-            there = objects(store)
-            assert len(there) <= i.bit_length()
-            in_order = there[-1:] + there[:-1]  # the first one has no number
-            assert [word for name in in_order for word in lines(store, name)] == words[:i]
-    assert objects(store) == [NAME]
-    assert lines(store) == words
-    assert sum(sent) < 5 * len(words) * len(words).bit_length()
-    with bucket.growing(NAME) as (path, publish):  # goes on where it was
-        with open(path, "a") as file:
-            file.write("more\n")
-        publish()
-        assert len(objects(store)) == 2
-    assert lines(store) == [*words, "more"]
-
-
-@pytest.mark.parametrize("left", range(5))
-def test_a_process_that_is_killed_between_two_objects_loses_and_doubles_nothing(store, left):
-    """It has written the object that takes the place of others, and was killed before it removed them."""
-    bucket, words = Place("memory://bucket/results"), [f"{i}" * 9 for i in range(9)]
-    states = []
-    with bucket.growing(NAME) as (path, publish):
-        for word in words:
+            assert lines(store)[-1] == word
             with open(path, "a") as file:
-                file.write(f"{word}\n")
-            publish()
-            states.append({name: store.cat(name) for name in store.find("/bucket/results")})
-    together = states[left + 2] | states[left + 3]
-    store.rm("/bucket/results", recursive=True)
-    for name, data in together.items():
-        store.pipe_file(name, data)
-    with bucket.growing(NAME):
-        pass
-    assert objects(store) == [NAME]
-    assert lines(store) == words[: left + 4]
+                file.write("more\n")
+    assert lines(store) == ["one", "more", "two", "more"]
+    assert len(store.find("/bucket/results")) == 1
 
 
-@pytest.mark.parametrize(
-    ("starts", "size", "kept"),
-    [
-        ([0], 10, [0]),
-        ([0, 10], 14, [0, 10]),
-        ([0, 10], 15, [0]),
-        ([0, 100, 110], 115, [0, 100]),
-        ([0, 10, 16], 16, [0, 10, 16]),
-    ],
-)
-def test_objects_become_one_from_half_the_size_of_the_one_before(starts, size, kept):
-    assert few_parts(starts, size) == kept
+def test_a_manifest_that_takes_long_to_send_is_sent_seldom(tmp_path, monkeypatch):
+    sent, clock = [], iter(range(0, 10**6, 10))  # each look at the clock takes 10 s
+    monkeypatch.setattr("ftbias_jax.fleet.manifest.time.monotonic", lambda: float(next(clock)))
+    with Manifest(str(tmp_path / NAME), lambda: sent.append(1)) as manifest:
+        for _ in range(100):
+            manifest.add("log", {})
+    assert len(sent) == 5
 
 
 def test_a_manifest_in_a_bucket_is_read_while_it_grows(store):

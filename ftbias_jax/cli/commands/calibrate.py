@@ -4,12 +4,12 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from ftbias_jax.cli.given import logs_of, setup_of
+from ftbias_jax.cli.given import logs_of, setup_of, start_jax, write_answers
 from ftbias_jax.cli.terminal import tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.find import expand
 from ftbias_jax.io import or_poses, read_log
-from ftbias_jax.io.atomic import write_atomic, write_json
+from ftbias_jax.io.atomic import write_json
 from ftbias_jax.io.draft.draft import Request, urdf_beside
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.outputs import refuse_existing
@@ -17,6 +17,7 @@ from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.io.write.ours import CALIBRATION, PAGE, SETUP
 from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import Setup
+from ftbias_jax.setup.save import write_text
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -30,10 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
         kinds = {"--output": SETUP, "--html": PAGE, "--json": CALIBRATION}
         paths = logs_of(arguments, setup, kinds, stated=(setup.description,) if drafts else None)
         logs = [or_poses(read_log, path, setup, raw=True) for path in paths]
-
-        from ftbias_jax.runtime.jax_config import prepare_jax
-
-        prepare_jax()
+        start_jax()
         from ftbias_jax.calibration.identify_tool import identify_tool
         from ftbias_jax.commissioning.calibrate import calibrate
 
@@ -46,16 +44,17 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             names = [Path(path).name for path in paths]
             found = calibrate(setup, motions, names, hold_out=arguments.hold_out, **asked)
-    print(tool if poses else found)
-    if urdf:
-        write_atomic(urdf_beside(arguments.output), lambda file: file.write(urdf.encode()))
-    (tool if poses else found).save(arguments.output, by="calibrate")
-    if arguments.html:
-        found.to_html(arguments.html)
-    if arguments.json:
-        write_json(arguments.json, found.plain())
-    written = [arguments.output, *([urdf_beside(arguments.output)] if urdf else []), arguments.html, arguments.json]
-    print(f"wrote {', '.join(path for path in written if path)}")
+    answer = tool if poses else found
+    print(answer)
+    beside = urdf_beside(arguments.output) if urdf else None
+    write_answers(
+        {
+            beside: lambda path: write_text(path, urdf),
+            arguments.output: lambda path: answer.save(path, by="calibrate"),
+            arguments.html: lambda path: found.to_html(path),
+            arguments.json: lambda path: write_json(path, found.plain()),
+        }
+    )
     return tell_repairs(zip(paths, [poses[0].repairs] if poses else found.repairs, strict=True))
 
 

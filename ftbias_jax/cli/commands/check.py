@@ -6,7 +6,7 @@ from typing import Any
 
 from ftbias_jax.check.check_setup import check_setup
 from ftbias_jax.cli.archive import Done, for_each_log
-from ftbias_jax.cli.given import logs_of, setup_of
+from ftbias_jax.cli.given import logs_of, setup_of, write_answers
 from ftbias_jax.cli.terminal import tell_repairs, warn
 from ftbias_jax.filtering.quality.at_rest import rest_in_words
 from ftbias_jax.fleet.entry import MISTAKES
@@ -28,9 +28,9 @@ def run(arguments: argparse.Namespace) -> int:
     logs = [read_motion(path, setup) for path in paths]
     check = check_setup(setup, logs)
     print(check)
-    if arguments.json:
-        check.to_json(arguments.json, provenance(setup, list(map(source_of, logs, paths)), {}))
-        print(f"wrote {arguments.json}")
+    write_answers(
+        {arguments.json: lambda path: check.to_json(path, provenance(setup, list(map(source_of, logs, paths)), {}))}
+    )
     for path, log in zip(paths, logs, strict=True):
         if check.ok and isinstance(log, Log) and (words := rest_in_words(setup, slices(log))):
             warn(f"{path}: {words}")

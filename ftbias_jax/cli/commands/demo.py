@@ -8,17 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ftbias_jax.cli.given import start_jax
 from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.io.atomic import make_folder
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.outputs import check_outputs
 from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
-from ftbias_jax.types import Array
+from ftbias_jax.types import AXES, AXIS_UNITS, Array
 
 if TYPE_CHECKING:
     from ftbias_jax.diagnosis.result import Diagnosis
     from ftbias_jax.filtering.verbs.results import FilterResult
-    from ftbias_jax.model.simulate import Simulation
+    from ftbias_jax.model.simulate_log import Truth
 
 SETUP = {
     "robot": {"model": "panda"},
@@ -38,8 +39,6 @@ FILES = (
 """The figures come last: they need matplotlib."""
 TRUE_MASS = 0.97
 """kg: somebody added 70 g to the tool and told nobody."""
-CENTER = (0.0, -0.6, 0.0, -2.0, 0.0, 1.8, 0.8)
-EXCURSION = (0.8, 0.5, 0.8, 0.5, 1.2, 1.0, 1.5)
 MOST_SAMPLES = 2_000_000
 """Of the simulated log, which is held in memory several times."""
 SETTLED = 1.0
@@ -52,22 +51,17 @@ def run(arguments: argparse.Namespace) -> int:
     if not 2 <= samples <= MOST_SAMPLES:
         remedy = f"ask for 2 to {MOST_SAMPLES} samples: seconds times rate"
         raise UsageError(f"{samples:.3g} samples are no demonstration", field="--duration", remedy=remedy)
-    count = round(samples)
     make_folder(folder)
     check_folder(folder)
-
-    from ftbias_jax.runtime.jax_config import prepare_jax
-
-    prepare_jax()
+    start_jax()
     from ftbias_jax.diagnosis.report.tables import parameter_words
-    from ftbias_jax.io.write.npz import save_npz
+    from ftbias_jax.model.simulate_log import simulate
 
-    setup = parse_setup(SETUP, "setup.toml")
-    truth = _simulate(setup, arguments.seed, count, arguments.rate)
-    t, q, dq, wrench = (np.asarray(x) for x in (truth.t, truth.q, truth.dq, truth.wrench))
-    log = Log.from_arrays(setup, t, q, wrench, dq)
+    setup, hidden = parse_setup(SETUP, "setup.toml"), {"tool_mass": {"mass": TRUE_MASS}}
+    made = simulate(setup, hidden, duration=arguments.duration, rate=arguments.rate, seed=arguments.seed)
+    log, truth = made.log, made.truth
     setup.save(folder / "setup.toml")
-    save_npz(folder / "log.npz", {"t": log.t, "q": log.q, "dq": log.dq, "wrench": log.wrench})
+    made.save(folder / "log.npz")
     recorded = f"{arguments.duration:g} s at {arguments.rate:g} Hz"
     noise = "{0:g} N, {3:g} Nm".format(*setup.sensor.noise_std)
     print(f"a simulated Panda, {recorded}, noise {noise}; its setup says that the tool weighs {setup.tool.mass} kg")
@@ -82,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"the truth   mass = {TRUE_MASS} kg; the bias against its truth, after {SETTLED:g} s:")
     print(_against_truth(before, after, truth))
     names = list(FILES[:6])
-    names += _draw(folder, {"before": before, "after": after}, np.asarray(truth.bias))
+    names += _draw(folder, {"before": before, "after": after}, truth.bias)
     print(f"wrote to {folder}: {' '.join(names)}")
     print(f"next: open {folder / 'report.html'}")
     return 0
@@ -102,23 +96,6 @@ def check_folder(folder: Path) -> None:
     if there and not (setup.is_file() and setup.read_bytes() == ours):
         message = "holds setup.toml or log.npz, which are not those of a demonstration"
         raise OutputError(message, file=folder, remedy="name a new folder")
-
-
-def _simulate(setup: Setup, seed: int, count: int, rate: float) -> Simulation:
-    """A log of the setup's robot with the tool that it has in truth."""
-    import jax
-    import jax.numpy as jnp
-
-    from ftbias_jax.model import simulate
-    from ftbias_jax.model.params import params_from_setup
-    from ftbias_jax.model.trajectories import excitation_sines
-
-    motion_key, log_key = jax.random.split(jax.random.key(seed))
-    t = jnp.arange(count) / rate
-    trajectory = excitation_sines(motion_key, t, jnp.array(CENTER), jnp.array(EXCURSION))
-    hidden = {"tool_mass": {"mass": jnp.asarray(TRUE_MASS)}}
-    simulated: Simulation = simulate.simulate(log_key, params_from_setup(setup), trajectory, hidden)
-    return simulated
 
 
 def _filter(setup: Setup, log: Log, path: Path) -> FilterResult:
@@ -146,18 +123,19 @@ def _prediction(result: FilterResult) -> str:
     return f"error of the reading predicted 1 s ahead: {force:.3f} N, {torque:.4f} Nm"
 
 
-def _against_truth(before: FilterResult, after: FilterResult, truth: Simulation) -> str:
+def _against_truth(before: FilterResult, after: FilterResult, truth: Truth) -> str:
     """Errors against the simulated truth: the filter twice, and a tare that trusts the first second for ever."""
-    bias, wrench_tool = np.asarray(truth.bias), np.asarray(truth.wrench_tool)
+    from ftbias_jax.commissioning.result import aligned
+
     first = before.t - before.t[0] < SETTLED
     settled = ~first if not first.all() else first
-    tare = (wrench_tool - before.wrench_unbiased + before.bias)[first].mean(0)
+    tare = (truth.wrench_tool - before.wrench_unbiased + before.bias)[first].mean(0)
 
     def rms(estimate: Array) -> Array:
-        return np.sqrt(((estimate - bias)[settled] ** 2).mean(0))
+        return np.sqrt(((estimate - truth.bias)[settled] ** 2).mean(0))
 
     def inside(filtered: FilterResult) -> Array:
-        return (np.abs(filtered.bias - bias) < 2 * filtered.bias_std)[settled].mean(0)
+        return (np.abs(filtered.bias - truth.bias) < 2 * filtered.bias_std)[settled].mean(0)
 
     rows = {
         "error before": rms(before.bias),
@@ -166,9 +144,8 @@ def _against_truth(before: FilterResult, after: FilterResult, truth: Simulation)
         "inside 2 sigma before": inside(before),
         "inside 2 sigma after": inside(after),
     }
-    names = ("fx [N]", "fy [N]", "fz [N]", "tx [Nm]", "ty [Nm]", "tz [Nm]")
-    lines = [f"{name:24s}" + "".join(f"{x:10.4f}" for x in row) for name, row in rows.items()]
-    return "\n".join([" " * 24 + "".join(f"{name:>10s}" for name in names), *lines])
+    head = ("", *(f"{axis} [{unit}]" for axis, unit in zip(AXES, AXIS_UNITS, strict=True)))
+    return "\n".join(aligned([head, *((name, *(f"{x:.4f}" for x in row)) for name, row in rows.items())]))
 
 
 def _draw(folder: Path, results: dict[str, FilterResult], bias: Array) -> list[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ftbias_jax.cli.archive import Done, for_each_log
-from ftbias_jax.cli.given import logs_of, save_setup, setup_of
+from ftbias_jax.cli.given import logs_of, save_setup, setup_of, start_jax, write_answers
 from ftbias_jax.cli.terminal import tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.entry import LOSS
@@ -46,9 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
         stages("reading")
         logs = [read_log(path, setup, raw=True) for path in paths]
         with many_imports():
-            from ftbias_jax.runtime.jax_config import prepare_jax
-
-            prepare_jax()
+            start_jax()
             from ftbias_jax.commissioning.judged import objection
             from ftbias_jax.diagnosis.apply import refused, some_applied
             from ftbias_jax.diagnosis.diagnose import diagnose
@@ -75,19 +73,18 @@ def run(arguments: argparse.Namespace) -> int:
     diagnosis = diagnosis._replace(command=_command(paths, arguments.setup, arguments.pool))
     latest = slice(-len(diagnosis.logs), None)  # of pooled logs those that were diagnosed, of others all
     print(diagnosis)
-    if arguments.json:
-        diagnosis.to_json(arguments.json)
-    if arguments.html:
-        diagnosis.to_html(arguments.html)
     not_stated = refused(setup, diagnosis.causes, diagnosis.terms) if arguments.apply else ()
     applied = arguments.apply and some_applied(diagnosis, not_stated)
     if applied and not arguments.force and (against := objection(setup, diagnosis, logs[latest])):
         not_stated, applied = (*not_stated, f"{against}; --force writes it all the same"), False
-    if applied:
-        save_setup(diagnosis.apply(setup).save, arguments.output, arguments, "diagnose --apply")
-    outputs = [path for path in (arguments.json, arguments.html, applied and arguments.output) if path]
-    if outputs:
-        print(f"wrote {', '.join(outputs)}")
+    fixed = arguments.output if applied else None
+    write_answers(
+        {
+            arguments.json: diagnosis.to_json,
+            arguments.html: diagnosis.to_html,
+            fixed: lambda path: save_setup(diagnosis.apply(setup).save, path, arguments, "diagnose --apply"),
+        }
+    )
     for why in not_stated:
         print(f"ftbias: not applied: {why}", file=sys.stderr)
     code = tell_repairs(zip(paths[latest], diagnosis.repairs, strict=True))

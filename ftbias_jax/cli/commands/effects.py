@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ftbias_jax.cli.given import start_jax
 from ftbias_jax.errors import UsageError
 
 if TYPE_CHECKING:
@@ -17,9 +18,7 @@ if TYPE_CHECKING:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print; returns 1 if a check found a fault, else 0."""
-    from ftbias_jax.runtime.jax_config import prepare_jax
-
-    prepare_jax()
+    start_jax()
     from ftbias_jax.model.effects.catalogue import CATALOGUE, check_names
     from ftbias_jax.model.own_effects import catalogue_with, installed, load_all
 

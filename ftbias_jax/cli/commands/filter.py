@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ftbias_jax.cli.archive import Done, for_each_log
-from ftbias_jax.cli.given import logs_of, only, setup_of
+from ftbias_jax.cli.given import logs_of, only, setup_of, start_jax
 from ftbias_jax.cli.terminal import tell_repairs, warn
 from ftbias_jax.filtering.quality.plot import figure_format, new_figure
 from ftbias_jax.filtering.result import Filtered, named_arrays
 from ftbias_jax.fleet.entry import LOSS
 from ftbias_jax.fleet.find import is_folder
 from ftbias_jax.fleet.quality import of_filter
-from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.parts import OpenLog, open_log
 from ftbias_jax.io.write import writer, written
 from ftbias_jax.io.write.npz import save_npz_parts
@@ -28,6 +27,7 @@ from ftbias_jax.io.write.selection import ALL, About, Selection, check_selection
 from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import Setup
 from ftbias_jax.setup.export.ros import dump_offsets
+from ftbias_jax.setup.save import write_text
 
 if TYPE_CHECKING:
     from ftbias_jax.filtering.verbs.results import FilterResult
@@ -58,10 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     beside = {f"the description {path!r}": path for path in written(arguments.output)[1:]}
     path = only(logs_of(arguments, setup, kinds, beside), f"the one file {arguments.output!r}")
     log = open_log(path, setup, salvage=arguments.salvage)
-
-    from ftbias_jax.runtime.jax_config import prepare_jax
-
-    prepare_jax()
+    start_jax()
     from ftbias_jax.filtering.quality import consistency, plot, spectrum
     from ftbias_jax.model.own_effects import load_all
     from ftbias_jax.runtime.kept_programs import compiled_for_few_calls
@@ -87,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.offsets:
         origin = in_words(result.provenance) if result.provenance else ""
         text = dump_offsets(result.summary.bias, setup.sensor.reports, remark=origin)
-        write_atomic(arguments.offsets, lambda file: file.write(text.encode()))
+        write_text(arguments.offsets, text)
         print(f"{arguments.offsets}: the bias at the end, as offsets that the broadcaster adds to each reading")
     print("wrote " + " and ".join(filter(None, (*written(arguments.output), arguments.plot, arguments.offsets))))
     if arguments.check:

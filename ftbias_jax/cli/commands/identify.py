@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ftbias_jax.cli.archive import Done, for_each_log
-from ftbias_jax.cli.given import logs_of, only, save_setup, setup_of
+from ftbias_jax.cli.given import logs_of, only, save_setup, setup_of, start_jax
 from ftbias_jax.cli.terminal import tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.quality.at_rest import require_motion
@@ -36,10 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
         log = read_motion(path, setup)
         if isinstance(log, Log):
             require_motion(setup, log, path)
-
-        from ftbias_jax.runtime.jax_config import prepare_jax
-
-        prepare_jax()
+        start_jax()
         from ftbias_jax.calibration.identify_tool import identify_tool
 
         setup, parts = (

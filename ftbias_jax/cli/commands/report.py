@@ -12,10 +12,10 @@ from ftbias_jax.fleet.page import name as name_of
 from ftbias_jax.fleet.page import to_page
 from ftbias_jax.fleet.place import Place
 from ftbias_jax.fleet.result_page import read_result, result_page
-from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.outputs import check_outputs, check_replaceable, check_writable
 from ftbias_jax.io.remote import is_url
 from ftbias_jax.io.write.ours import PAGE
+from ftbias_jax.setup.save import write_text
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         text = to_page(fleet, f"Fleet in {', '.join(folders)}", os.path.dirname(output))
     with place.writing() as folder:
-        write_atomic(os.path.join(folder, page), lambda file: file.write(text.encode()))
+        write_text(os.path.join(folder, page), text)
     if fleet is not None:
         groups = fleet.by_robot()
         alarms = [

@@ -4,15 +4,17 @@ import argparse
 import json
 import shlex
 import sys
+from functools import partial
 
+from ftbias_jax.cli.given import write_answers
 from ftbias_jax.commissioning.drafted import checked_draft
 from ftbias_jax.errors import UsageError, printable
-from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.draft.dh_table import DhTable
 from ftbias_jax.io.draft.draft import Request, urdf_beside
 from ftbias_jax.io.outputs import check_outputs, check_writable, refuse_existing
 from ftbias_jax.setup.keys.table import json_schema
 from ftbias_jax.setup.robots import BUILT_IN, describe_robot
+from ftbias_jax.setup.save import write_text
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -37,32 +39,24 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs(places, (*arguments.logs, arguments.urdf, arguments.mjcf, arguments.dh))
     if output:
         refuse_existing(output)
+    same = {name: getattr(arguments, name) for name in ("logs", "robot", "urdf", "mjcf", "site", "mass", "rate")}
     request = Request(
-        logs=arguments.logs,
-        robot=arguments.robot,
-        urdf=arguments.urdf,
-        mjcf=arguments.mjcf,
-        site=arguments.site,
+        **same,
         base_link=arguments.base,
         tip_link=arguments.tip,
         dh=DhTable(arguments.dh, arguments.dh_convention, arguments.dh_units) if arguments.dh else None,
-        mass=arguments.mass,
         center_of_mass=arguments.center_of_mass,
-        rate=arguments.rate,
         output=output or "setup.toml",
     )
     found = checked_draft(request)
     if not output:
         print(found.text, end="")
-    elif found.urdf:
-        refuse_existing(urdf_beside(output))
-        write_atomic(urdf_beside(output), lambda file: file.write(found.urdf.encode()))
-    if output:
-        write_atomic(output, lambda file: file.write(found.text.encode()))
     for note in found.notes:
         print(note, file=sys.stdout if output else sys.stderr)
-    if output:
-        print(f"wrote {output}" + (f" and {urdf_beside(output)}" if found.urdf else ""))
+    if found.urdf and output:
+        refuse_existing(urdf_beside(output))
+    texts = {urdf_beside(output): found.urdf, output: found.text} if output and found.urdf else {output: found.text}
+    write_answers({path: partial(write_text, text=text) for path, text in texts.items()})
     if output and arguments.logs:
         print(printable(f"next: ftbias info {shlex.quote(arguments.logs[0])} --setup {shlex.quote(output)}"))
     return 0

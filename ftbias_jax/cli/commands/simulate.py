@@ -2,16 +2,15 @@
 and ``ftbias plan``, the motion that tells most about what is asked."""
 
 import argparse
+from functools import partial
 from typing import Any
 
-from ftbias_jax.cli.given import setup_of
+from ftbias_jax.cli.given import logs_of, setup_of, start_jax, write_answers
 from ftbias_jax.cli.terminal import tell_repairs
 from ftbias_jax.errors import UsageError
-from ftbias_jax.fleet.find import expand, inputs
 from ftbias_jax.io import read_log
-from ftbias_jax.io.atomic import refuse_link
 from ftbias_jax.io.outputs import check_outputs, check_writable
-from ftbias_jax.io.write import writer, written
+from ftbias_jax.io.write import writer
 from ftbias_jax.io.write.ours import EXPORT, LOG, PAGE, PLAN, RESULT
 from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import load_setup
@@ -32,10 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     outputs = {"--output": arguments.output, "--truth": truth_path}
     check_outputs(outputs, (*replayed, *setup.files), dict.fromkeys(outputs, LOG), arguments.force)
     recorded = {path: read_log(path, setup) for path in replayed}
-
-    from ftbias_jax.runtime.jax_config import prepare_jax
-
-    prepare_jax()
+    start_jax()
     from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
     from ftbias_jax.model.simulate_log import check_effects, simulate
 
@@ -59,30 +55,21 @@ def run(arguments: argparse.Namespace) -> int:
 def plan_motion(arguments: argparse.Namespace) -> int:
     """``ftbias plan``: plan a motion and write it; 3 if samples of a log were lost, else 0."""
     writer(arguments.output)
-    outputs = {f"--{name}": getattr(arguments, name) for name in ("output", "json", "html", *CONTROLLERS)}
-    suffixes = {"--json": ".json", "--html": ".html"} | {f"--{name}": suffix for name, suffix in CONTROLLERS.items()}
-    for name, path in outputs.items():
-        if path:
-            check_writable(path, suffixes.get(name, ""), name)
-            refuse_link(path)
+    wanted = {name: getattr(arguments, name) for name in CONTROLLERS if getattr(arguments, name)}
+    for name, path in wanted.items():
+        check_writable(path, CONTROLLERS[name], f"--{name}")
     setup = setup_of(arguments, with_tool=True)
-    paths = expand(arguments.logs, setup.log.files) if arguments.logs else []
-    read = (*inputs(paths, setup.log.files), arguments.diagnosis, *setup.files)
     kinds = {"--output": RESULT, "--json": PLAN, "--html": PAGE} | {f"--{name}": EXPORT for name in CONTROLLERS}
-    check_outputs(outputs, read, kinds, arguments.force)
+    paths = logs_of(arguments, setup, kinds, stated=(arguments.diagnosis, *setup.files))
     with Stages("planning") as stages:
         stages("reading")
         logs = [read_log(path, setup, raw=True) for path in paths]
-
-        from ftbias_jax.runtime.jax_config import prepare_jax
-
-        prepare_jax()
+        start_jax()
         from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
         from ftbias_jax.planning.controllers import check_controllers
         from ftbias_jax.planning.diagnosed import Diagnosed, read_diagnosis
         from ftbias_jax.planning.plan import plan
 
-        wanted = {name: getattr(arguments, name) for name in CONTROLLERS if getattr(arguments, name)}
         check_controllers(setup, wanted)
 
         setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
@@ -102,15 +89,8 @@ def plan_motion(arguments: argparse.Namespace) -> int:
             progress=stages,
         )
     print(made)
-    made.save(arguments.output)
-    if arguments.json:
-        made.to_json(arguments.json)
-    if arguments.html:
-        made.to_html(arguments.html)
-    for name, path in wanted.items():
-        made.save_for(path, name)
-    told = (*written(arguments.output), arguments.json, arguments.html, *wanted.values())
-    print(f"wrote {', '.join(path for path in told if path)}")
+    answers = {arguments.output: made.save, arguments.json: made.to_json, arguments.html: made.to_html}
+    write_answers({**answers, **{path: partial(made.save_for, format=name) for name, path in wanted.items()}})
     return tell_repairs(zip(paths, (log.repairs for log in logs), strict=True))
 
 

@@ -74,7 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
     if apart:  # before anything asks JAX for its devices
         if len(tools) > 1:
             raise UsageError("is for one setup", field="--distributed", remedy="tune several tools by one process")
-        distributed.start(*arguments.distributed)
+        place = arguments.distributed
+        distributed.start(*(place if isinstance(place, tuple) else ()))  # what is not stated, a launcher knows
     prepare_jax()
     from ftbias_jax.calibration.tune_setup import tune
     from ftbias_jax.model.own_effects import load_all

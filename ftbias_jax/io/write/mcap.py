@@ -1,17 +1,13 @@
 """Results as MCAP files of geometry_msgs/msg/WrenchStamped, and layouts of viewers for their topics.
 
-Foxglove and PlotJuggler plot the files without any setting; in a layout, what a file lacks stays empty. Foxglove: JSON
-with a configuration for every panel (configById) and the tree of panels (layout), as its "Import from file" reads it
-(foxglove/studio, packages/studio-base). PlotJuggler: XML of tabs, splitters and plots, as "Load layout" reads it
-(facontidavide/PlotJuggler, plotjuggler_app).
+Foxglove and PlotJuggler plot the files without any setting, and by a layout all of them at once.
 """
 
-import json
 import os
 import struct
-import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, BinaryIO
+from collections.abc import Mapping
+from importlib import resources
+from typing import BinaryIO
 
 import numpy as np
 
@@ -51,8 +47,6 @@ SCHEMA = schema_with_header(
     "geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n",
 )
 FLAG_SCHEMA = "bool data\n"
-COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf")
-"""In the order of the lines of a plot."""
 
 
 def save_mcap(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About) -> None:
@@ -112,100 +106,11 @@ def wrench_message(stamp: int, frame: str, wrench: Array) -> bytes:
     return CDR + body
 
 
-TABS: dict[str, dict[str, str]] = {
-    "Bias": {"bias": "bias", "standard deviation of the bias": "bias_std"},
-    "Wrench": {"corrected wrench": "wrench_unbiased", "wrench of the tool": "wrench_tool"},
-    "Contact": {"contact wrench": "contact_wrench", "its standard deviation": "contact_wrench_std"},
-    "Innovation": {"innovation": "innovation"},
-}
-"""Tab -> title and array of its plots, each of which is two, the force left of the torque."""
-FLAG_PLOTS = {"Contact": ("in_contact", "used")}
-"""Tab -> truth values in a plot of their own."""
+LAYOUTS = {"foxglove": "foxglove.json", "plotjuggler": "plotjuggler.xml"}
+"""Program -> its layout, as the program itself exports it: for "Import from file" of Foxglove, "Load layout" of
+PlotJuggler."""
 
 
-def _plots(tab: str, between: str) -> list[tuple[str, list[str]]]:
-    """Titles of the plots of a tab, and their lines: topic and field with something between the names."""
-    plots = [
-        (f"{title}, {part} [{unit}]", [between.join((topic(name), "wrench", part, axis)) for axis in "xyz"])
-        for title, name in TABS[tab].items()
-        for part, unit in (("force", "N"), ("torque", "Nm"))
-    ]
-    flags = FLAG_PLOTS.get(tab, ())
-    return plots + ([(", ".join(flags), [between.join((topic(flag), "data")) for flag in flags])] if flags else [])
-
-
-def foxglove_layout() -> str:
-    """JSON for "Import from file"."""
-    panels: dict[str, Any] = {}
-    tabs = []
-    for name in TABS:
-        titled = _plots(name, ".")
-        ids = [f"Plot!{name.lower()}{i}" for i in range(len(titled))]
-        panels |= {one: _foxglove_plot(*content) for one, content in zip(ids, titled, strict=True)}
-        rows = [_split("row", ids[i : i + 2]) for i in range(0, len(ids), 2)]
-        tabs.append({"title": name, "layout": _split("column", rows)})
-    panels["Tab!ftbias"] = {"activeTabIdx": 0, "tabs": tabs}
-    layout = {
-        "configById": panels,
-        "globalVariables": {},
-        "userNodes": {},
-        "playbackConfig": {"speed": 1},
-        "layout": "Tab!ftbias",
-    }
-    return json.dumps(layout, indent=1) + "\n"
-
-
-def _foxglove_plot(title: str, values: Sequence[str]) -> dict[str, Any]:
-    paths = [
-        {"value": value, "enabled": True, "timestampMethod": "headerStamp" if "wrench." in value else "receiveTime"}
-        | {"color": colour, "label": value.rpartition(".")[2] if "wrench." in value else value}
-        for value, colour in zip(values, COLOURS, strict=False)
-    ]
-    shown = {"showXAxisLabels": True, "showYAxisLabels": True, "showLegend": True, "legendDisplay": "floating"}
-    return {"title": title, "paths": paths, "isSynced": True, "xAxisVal": "timestamp", "sidebarDimension": 240, **shown}
-
-
-def _split(direction: str, panes: Sequence[Any]) -> Any:
-    """Panes side by side ("row") or one above the other ("column"), of equal size: a binary tree."""
-    if len(panes) == 1:
-        return panes[0]
-    share = 100 / len(panes)
-    rest = _split(direction, panes[1:])
-    return {"direction": direction, "first": panes[0], "second": rest, "splitPercentage": share}
-
-
-def plotjuggler_layout() -> str:
-    """XML for "Load layout"."""
-    root = ET.Element("root")
-    window = ET.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
-    for name in TABS:
-        tab = ET.SubElement(window, "Tab", tab_name=name, containers="1")
-        titled = _plots(name, "/")
-        rows = [titled[i : i + 2] for i in range(0, len(titled), 2)]
-        column = _splitter(ET.SubElement(tab, "Container"), "-", len(rows))
-        for row in rows:
-            panes = _splitter(column, "|", len(row))
-            for title, curves in row:
-                _plotjuggler_plot(panes, title, curves)
-    ET.SubElement(window, "currentTabIndex", index="0")
-    ET.SubElement(root, "use_relative_time_offset", enabled="1")
-    ET.indent(root, " ")
-    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
-
-
-def _splitter(above: ET.Element, orientation: str, count: int) -> ET.Element:
-    """Room for so many panes; "-" = one above the other, "|" = side by side."""
-    sizes = ";".join([f"{1 / count:.6f}"] * count)
-    return ET.SubElement(above, "DockSplitter", orientation=orientation, sizes=sizes, count=str(count))
-
-
-def _plotjuggler_plot(panes: ET.Element, title: str, curves: Sequence[str]) -> None:
-    area = ET.SubElement(panes, "DockArea", name=title)
-    plot = ET.SubElement(area, "plot", style="Lines", mode="TimeSeries", flip_x="false", flip_y="false")
-    ET.SubElement(plot, "limitY")
-    for name, colour in zip(curves, COLOURS, strict=False):
-        ET.SubElement(plot, "curve", name=name, color=colour)
-
-
-LAYOUTS: dict[str, Callable[[], str]] = {"foxglove": foxglove_layout, "plotjuggler": plotjuggler_layout}
-"""Program -> what writes its layout."""
+def layout(program: str) -> str:
+    """The text of a layout for the topics of a result; what a file lacks stays empty."""
+    return resources.files(__package__ or "").joinpath("layouts", LAYOUTS[program]).read_text(encoding="utf-8")

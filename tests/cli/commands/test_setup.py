@@ -80,7 +80,7 @@ def test_the_description_in_a_recording_is_written_beside_the_setup(tmp_path, ca
     messages = published(q, ("pan", "lift"), rng.normal(size=(200, 6)))
     log = recordings.write(tmp_path, "sqlite", [Text(START, URDF), *messages])
     assert run(log, "-o", tmp_path / "cell.toml") == 0
-    assert f"wrote {tmp_path / 'cell.toml'} and {tmp_path / 'cell.urdf'}" in capsys.readouterr().out
+    assert f"wrote {tmp_path / 'cell.urdf'}, {tmp_path / 'cell.toml'}" in capsys.readouterr().out
     assert (tmp_path / "cell.urdf").read_text() == URDF
     setup = load_setup(tmp_path / "cell.toml")
     assert setup.robot.joint_names == ("pan", "lift")

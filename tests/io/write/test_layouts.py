@@ -7,30 +7,30 @@ import xml.etree.ElementTree as ET
 import pytest
 
 from ftbias_jax.cli.main import main
-from ftbias_jax.io.write.mcap import FLAGS, TOPICS, foxglove_layout, plotjuggler_layout
+from ftbias_jax.io.write.mcap import FLAGS, LAYOUTS, TOPICS, layout
 
 WRENCH = re.compile(r"/ftbias/(\w+)\.wrench\.(force|torque)\.[xyz]")
 
 
-def panes(layout):
+def panes(tree):
     """Ids of the panels in a tree of Foxglove, which has two branches everywhere and sizes in percent."""
-    if isinstance(layout, str):
-        return [layout]
-    assert layout["direction"] in ("row", "column")
-    assert 0 < layout["splitPercentage"] < 100
-    return panes(layout["first"]) + panes(layout["second"])
+    if isinstance(tree, str):
+        return [tree]
+    assert tree["direction"] in ("row", "column")
+    assert 0 < tree["splitPercentage"] < 100
+    return panes(tree["first"]) + panes(tree["second"])
 
 
 def test_foxglove_shows_every_panel_once_and_only_topics_that_are_written():
-    layout = json.loads(foxglove_layout())
-    assert {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"} == layout.keys()
-    tabs = layout["configById"][layout["layout"]]["tabs"]
+    said = json.loads(layout("foxglove"))
+    assert {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"} == said.keys()
+    tabs = said["configById"][said["layout"]]["tabs"]
     shown = [pane for tab in tabs for pane in panes(tab["layout"])]
-    assert sorted(shown) == sorted({*layout["configById"]} - {layout["layout"]})
+    assert sorted(shown) == sorted({*said["configById"]} - {said["layout"]})
     arrays = set()
     for pane in shown:
         assert pane.startswith("Plot!")
-        for path in layout["configById"][pane]["paths"]:
+        for path in said["configById"][pane]["paths"]:
             if found := WRENCH.fullmatch(path["value"]):
                 arrays.add(found[1])
                 assert path["timestampMethod"] == "headerStamp"
@@ -41,7 +41,7 @@ def test_foxglove_shows_every_panel_once_and_only_topics_that_are_written():
 
 
 def test_plotjuggler_has_as_many_panes_as_its_splitters_say_and_the_names_of_its_ros_parser():
-    root = ET.fromstring(plotjuggler_layout())
+    root = ET.fromstring(layout("plotjuggler"))
     assert (root.tag, root[0].tag) == ("root", "tabbed_widget")
     assert [tab.get("tab_name") for tab in root.iter("Tab")] == ["Bias", "Wrench", "Contact", "Innovation"]
     for splitter in root.iter("DockSplitter"):
@@ -61,9 +61,8 @@ def test_plotjuggler_has_as_many_panes_as_its_splitters_say_and_the_names_of_its
     assert all(re.fullmatch(r"#[0-9a-f]{6}", curve.get("color")) for curve in root.iter("curve"))
 
 
-@pytest.mark.parametrize("name", ["foxglove", "plotjuggler"])
+@pytest.mark.parametrize("name", LAYOUTS)
 def test_the_command_writes_them_without_a_setup(tmp_path, name, capsys):
     assert main(["export", "--format", name, "-o", str(tmp_path / "layout")]) == 0
-    made = {"foxglove": foxglove_layout, "plotjuggler": plotjuggler_layout}[name]()
-    assert (tmp_path / "layout").read_text() == made
+    assert (tmp_path / "layout").read_text() == layout(name)
     assert capsys.readouterr().out == f"wrote {tmp_path / 'layout'}\n"

@@ -3,10 +3,11 @@
 import argparse
 import os
 
+from ftbias_jax.cli.given import write_answers
 from ftbias_jax.errors import UsageError
-from ftbias_jax.io.atomic import write_atomic, write_json
+from ftbias_jax.io.atomic import write_json
 from ftbias_jax.io.outputs import check_outputs, check_writable
-from ftbias_jax.io.write.mcap import LAYOUTS
+from ftbias_jax.io.write.mcap import LAYOUTS, layout
 from ftbias_jax.io.write.ours import EXPORT, SETUP
 from ftbias_jax.setup import Setup, load_setup
 from ftbias_jax.setup.export import export_text
@@ -29,15 +30,13 @@ def run(arguments: argparse.Namespace) -> int:
     text = _exported(arguments)
     if not output:
         print(text, end="")
-        return 0
-    write_atomic(output, lambda file: file.write(text.encode()))
-    print(f"wrote {output}")
+    write_answers({output: lambda path: write_text(path, text)})
     return 0
 
 
 def _exported(arguments: argparse.Namespace) -> str:
     if arguments.format in LAYOUTS:
-        return LAYOUTS[arguments.format]()
+        return layout(arguments.format)
     setup = found_setup(arguments)
     check_outputs({"--output": arguments.output}, setup.files)
     mass = arguments.sensor_mass

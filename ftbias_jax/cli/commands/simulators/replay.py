@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ftbias_jax.cli.commands.simulators.export import found_setup, scene_of
-from ftbias_jax.cli.given import logs_of, setup_of
+from ftbias_jax.cli.given import logs_of, setup_of, start_jax, write_answers
 from ftbias_jax.cli.terminal import tell_repairs
 from ftbias_jax.errors import SetupError, UsageError
 from ftbias_jax.io import read_log
@@ -41,10 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     setup = setup_of(arguments)
     (path,) = logs_of(arguments, setup, {"--output": LOG}, stated=(*setup.files, arguments.mjcf))
     scene, log = scene_at_sensor(setup, arguments.mjcf), read_log(path, setup)
-
-    from ftbias_jax.runtime.jax_config import prepare_jax
-
-    prepare_jax()
+    start_jax()
     from ftbias_jax.simulators.replay import joint_states, replay
 
     log = clean(log)
@@ -73,15 +70,15 @@ def validate(arguments: argparse.Namespace) -> int:
     with Stages("validating") as stages:
         stages("reading")
         logs = [read_log(path, setup, raw=True) for path in paths]
-        from ftbias_jax.runtime.jax_config import prepare_jax
-
-        prepare_jax()
+        start_jax()
         from ftbias_jax.simulators.validate import validate as compare
 
         found = compare(setup, mended, logs, scenes, stages)
     print(found)
-    if arguments.json:
+
+    def write(path: str) -> None:
         origin = provenance(setup, list(map(source_of, logs)), {}, [Path(path).name for path in paths])
-        write_json(arguments.json, {"versions": origin["version"], "logs": origin["logs"], **found.plain()})
-        print(f"wrote {arguments.json}")
+        write_json(path, {"versions": origin["version"], "logs": origin["logs"], **found.plain()})
+
+    write_answers({arguments.json: write})
     return tell_repairs((path, log.repairs) for path, log in zip(paths, logs, strict=True))
