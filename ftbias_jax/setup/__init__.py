@@ -12,24 +12,11 @@ from ftbias_jax.setup.dump import dump_setup
 from ftbias_jax.setup.export import save_export
 from ftbias_jax.setup.fields import read_file
 from ftbias_jax.setup.parse import parse_setup
-from ftbias_jax.setup.recorded import LogSetup
 from ftbias_jax.setup.require import require_tool
 from ftbias_jax.setup.save import save_setup
-from ftbias_jax.setup.types import BiasSetup, DataNoiseSetup, JointSetup, RobotSetup, SensorSetup, Setup, ToolSetup
+from ftbias_jax.setup.types import Setup
 
-__all__ = [
-    "BiasSetup",
-    "DataNoiseSetup",
-    "JointSetup",
-    "LogSetup",
-    "RobotSetup",
-    "SensorSetup",
-    "Setup",
-    "ToolSetup",
-    "dump_setup",
-    "load_setup",
-    "parse_setup",
-]
+__all__ = ["Setup", "dump_setup", "load_setup", "parse_setup"]
 
 Setup.save = save_setup  # type: ignore[method-assign, assignment]
 Setup.export = save_export  # type: ignore[method-assign, assignment]
