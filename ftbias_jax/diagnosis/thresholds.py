@@ -95,6 +95,9 @@ MOST_OF_LOG_IF_SEEN, SEEN = 0.7, 0.75
 without contact it finds a tenth of a second of it. [dev]"""
 CREST = 10.0
 """Standard deviations of accelerations that nobody recorded: an arm that stops and goes reaches as many. [physics]"""
+LEAST_LEVER = 0.03
+"""m from the centre of mass at which one of the pushes acts that no acceleration makes: the setup's is off by less.
+[physics]"""
 LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.005
 """nats, and share of the largest, of the tents at an event's end. [dev]"""
 CLEAR_HATS = 2

@@ -14,6 +14,7 @@ from ftbias_jax.diagnosis.regression.evaluate import whitened_series
 from ftbias_jax.diagnosis.regression.fit import Fit, projection
 from ftbias_jax.diagnosis.regression.series import shaped, shaped_events
 from ftbias_jax.model.effects.fitting import Touches
+from ftbias_jax.model.wrench.inertia import center_of_mass
 
 SHAPES = (4, 8, 16, 32)
 """Hat functions that may make up an event of any shape."""
@@ -135,13 +136,29 @@ def _trimmed(problem: Problem, effect: str, error: np.ndarray, events: list[Even
 
 
 def _beyond_motion(problem: Problem, effect: str, error: np.ndarray, events: list[Event]) -> list[Event]:
-    """Those of events in innovations (U, 6) that push more than accelerations that nobody recorded do."""
-    least = thresholds.CREST * max(part.unseen[:3].max() for part in problem.parts)
-    if not least or not events:
+    """Those of events in innovations (U, 6) that accelerations that nobody recorded do not make."""
+    unseen = max(part.unseen[:3].max() for part in problem.parts)
+    if not unseen or not events:
         return events
     coefficients, _, ends = _hats(problem, effect, error, events, SHAPES[0])
-    by_event = np.split(np.abs(coefficients[:, :3]), ends)
-    return [event for event, force in zip(events, by_event, strict=True) if force.max() > least]
+    center = np.asarray(center_of_mass(problem.parts[0].signals.model.theta))
+    return pushes(events, np.split(coefficients, ends), center, unseen)
+
+
+def pushes(events: list[Event], wrenches: list[np.ndarray], center: np.ndarray, unseen: float) -> list[Event]:
+    """Events that push more than accelerations do; none where all of them push at the tool's centre of mass, as these.
+
+    The wrenches (H, 6) N, Nm of the hats of each, in sensor axes; the centre of mass (3,) m; the standard deviation of
+    the tool's force by accelerations, N.
+    """
+    strong, aside = list[Event](), False
+    for event, wrench in zip(events, wrenches, strict=True):
+        force, torque = wrench[:, :3], wrench[:, 3:]
+        if np.abs(force).max() > thresholds.CREST * unseen:
+            about_center = np.linalg.norm(torque - np.cross(center, force))
+            strong.append(event)
+            aside |= bool(about_center > thresholds.LEAST_LEVER * np.linalg.norm(force))
+    return strong if aside else []
 
 
 def _hats(

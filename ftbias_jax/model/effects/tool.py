@@ -92,6 +92,8 @@ EFFECTS = (
         "the tool's inertia is not what the setup says",
         "identify it from fast wrist motion: ftbias identify",
         transform=tool_inertia,
+        # Arms that turn the sensor swing it as well: what is not recorded of that reads as inertia.
+        needs_motion="acceleration",
         fit=Fitting(Linear()),
         twins=(Twin("tool_flexibility", False, "accelerate the wrist at several frequencies"),),
         statement=distance(

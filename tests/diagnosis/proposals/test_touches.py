@@ -5,7 +5,7 @@ import pytest
 
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, Shaped
 from ftbias_jax.diagnosis.problem import Part, Problem
-from ftbias_jax.diagnosis.proposals.touches import is_seen, is_short, merge, parts_of, robust_rest
+from ftbias_jax.diagnosis.proposals.touches import is_seen, is_short, merge, parts_of, pushes, robust_rest
 from ftbias_jax.filtering.method.look import Touched
 from ftbias_jax.filtering.noise.contact import Contact
 
@@ -104,3 +104,28 @@ def test_contact_may_take_much_of_a_log_if_a_filter_finds_it_too(event, contacts
     h = Hypothesis("contact", detail=(Shaped(Event(*event), 4),))
     assert is_seen(h, problem) is seen
     assert not is_seen(Hypothesis("gain"), problem)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "levers", "expected"),
+    [
+        ([2.0, 3.0], [0.0, 0.0], []),  # the arm stops and goes
+        ([2.0, 3.0], [0.0, 0.05], [0, 1]),
+        ([2.0, 0.5], [0.05, 0.05], [0]),  # accelerations may reach ten standard deviations
+        ([2.0, 0.5], [0.0, 0.05], []),
+        ([2.0], [0.02], []),  # the centre of mass is not known better
+    ],
+)
+def test_a_push_is_none_of_accelerations_that_nobody_recorded(sizes, levers, expected):
+    """Forces at the centre of mass but for a lever at right angles to them."""
+    center, along, events = (
+        np.array([0.01, -0.02, 0.09]),
+        np.array([1.0, 0.0, 0.0]),
+        [Event(0, k, k + 0.5) for k in (1, 5)],
+    )
+    events = events[: len(sizes)]
+    wrenches = [
+        np.outer([0.5, 1.0, 0.5], size * np.r_[along, np.cross(center + np.array([0, lever, 0]), along)])
+        for size, lever in zip(sizes, levers, strict=True)
+    ]
+    assert pushes(events, wrenches, center, 0.1) == [events[k] for k in expected]
