@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ftbias_jax.errors import LogError, OutputError
+from ftbias_jax.errors import FtbiasError, LogError, OutputError
 from ftbias_jax.setup.save import refuse_link as refuse_link
 from ftbias_jax.setup.save import write_atomic as write_atomic
 from ftbias_jax.setup.save import write_text
@@ -20,26 +20,27 @@ def write_json(path: str | os.PathLike[str], content: Mapping[str, Any] | list[A
     write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
-def read_json(path: str, what: str) -> Any:
+def read_json(path: str, what: str, refusal: type[FtbiasError] = LogError) -> Any:
     """What a JSON file holds.
 
     Args:
         path: of the file.
         what: it should be, for messages.
+        refusal: the error to raise.
 
     Raises:
-        LogError: it cannot be read, is larger than MAX_JSON, or is no JSON.
+        FtbiasError: it cannot be read, is larger than MAX_JSON, or is no JSON.
     """
     try:
         with open(path, "rb") as file:
             content = file.read(MAX_JSON + 1)
         if len(content) > MAX_JSON:
-            raise LogError(f"is larger than {MAX_JSON >> 20} MiB", file=path, remedy=f"give {what}")
+            raise refusal(f"is larger than {MAX_JSON >> 20} MiB", file=path, remedy=f"give {what}")
         return json.loads(content)
     except OSError as error:
-        raise LogError(f"cannot be read: {error.strerror}", file=path, remedy="check the path") from error
+        raise refusal(f"cannot be read: {error.strerror}", file=path, remedy="check the path") from error
     except (ValueError, RecursionError) as error:
-        raise LogError(f"is not valid JSON: {error}", file=path, remedy=f"give {what}") from error
+        raise refusal(f"is not valid JSON: {error}", file=path, remedy=f"give {what}") from error
 
 
 def make_folder_inside(folder: str, path: str) -> None:

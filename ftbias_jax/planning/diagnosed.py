@@ -1,18 +1,16 @@
 """What a diagnosis found, as a plan needs it: the sizes of effects, and which two it could not distinguish."""
 
-import json
 import os
 from collections.abc import Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
 from ftbias_jax.errors import UsageError
+from ftbias_jax.io.atomic import read_json
 from ftbias_jax.model.effects.catalogue import Catalogue, check_values
 from ftbias_jax.model.effects.types import Values
 
-MOST_BYTES = 64 << 20
-"""Of the file."""
-REMEDY = "give what ftbias diagnose --json wrote"
+WANTED = "what ftbias diagnose --json wrote"
 
 
 class Diagnosed(NamedTuple):
@@ -34,18 +32,10 @@ def read_diagnosis(path: str | os.PathLike[str], catalogue: Catalogue) -> Diagno
         UsageError: the file cannot be read, or is no diagnosis.
     """
     file = os.fspath(path)
-    try:
-        if os.path.getsize(file) > MOST_BYTES:
-            raise UsageError(f"is larger than {MOST_BYTES >> 20} MB", file=file, remedy=REMEDY)
-        with open(file, encoding="utf-8") as stream:
-            content: Any = json.load(stream)
-    except OSError as error:
-        raise UsageError(f"cannot be read: {error.strerror}", file=file, remedy=REMEDY) from error
-    except (ValueError, RecursionError) as error:
-        raise UsageError("is no JSON", file=file, remedy=REMEDY) from error
+    content = read_json(file, WANTED, UsageError)
     causes = content.get("causes") if isinstance(content, Mapping) else None
     if not isinstance(causes, list):
-        raise UsageError("has no list of causes", file=file, remedy=REMEDY)
+        raise UsageError("has no list of causes", file=file, remedy=f"give {WANTED}")
     entries = [x for x in (*causes, *_list(content.get("candidates"))) if isinstance(x, Mapping)]
     named = [x for x in entries if isinstance(x.get("effect"), str) and x["effect"] in catalogue]
     values: Values = {}

@@ -51,6 +51,16 @@ class Forecast(NamedTuple):
     cannot: tuple[Cannot, ...]
     """What even both together do not determine."""
 
+    @property
+    def columns(self) -> dict[str, list[str]]:
+        """Standard errors in words, by the motion that they are from."""
+        stds = {"this motion": self.plan, "logs at hand": self.logs, "both": self.together}
+        return {
+            name: [f"{x:.2g}" if np.isfinite(x) else "not determined" for x in column]
+            for name, column in stds.items()
+            if column is not None
+        }
+
 
 def forecast(
     asked: Sequence[Asked],

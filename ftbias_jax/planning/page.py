@@ -41,15 +41,9 @@ ROW, NAMES = 24, 100
 
 def plan_page(plan: Plan) -> str:
     """The HTML of a plan, one file that loads nothing."""
-    told = plan.forecast
-    head = ["parameter", "this motion"]
-    stds = [told.plan]
-    if told.logs is not None and told.together is not None:
-        head, stds = [*head, "logs at hand", "both"], [*stds, told.logs, told.together]
-    rows = [
-        (f"{name} [{unit}]", *(f"{x[i]:.2g}" if np.isfinite(x[i]) else "not determined" for x in stds))
-        for i, (name, unit) in enumerate(zip(told.labels, told.units, strict=True))
-    ]
+    told, columns = plan.forecast, plan.forecast.columns
+    names = [f"{name} [{unit}]" for name, unit in zip(told.labels, told.units, strict=True)]
+    rows = list(zip(names, *columns.values(), strict=True))
     separates = [
         f"{escape(name)}: {nats:.1f} nats; five standard deviations are 12.5" for name, nats in told.separates.items()
     ]
@@ -60,7 +54,7 @@ def plan_page(plan: Plan) -> str:
     asked, seconds = plan.options.to_find, plan.options.duration
     body = (
         f"<header><p class='small'>Planned motion</p><h1>{escape(f'{seconds:g} s for {asked}')}</h1></header>"
-        + section("Standard errors to expect", html_table(head, rows) + bullets(separates))
+        + section("Standard errors to expect", html_table(("parameter", *columns), rows) + bullets(separates))
         + section("What it does not tell", bullets(cannot))
         + section("What is not known", f"<p>{typeset(NOT_KNOWN)}</p>" + bullets(map(escape, plan.assumed)))
         + section("Where it goes", f"<div class='grid'>{paths}</div>")

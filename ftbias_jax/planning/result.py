@@ -138,14 +138,10 @@ class Plan:
         }
 
     def __str__(self) -> str:
-        told, head = self.forecast, ["standard error", "this motion"]
-        stds = [told.plan]
-        if told.logs is not None and told.together is not None:
-            head, stds = [*head, "log at hand", "both"], [*stds, told.logs, told.together]
-        lines = ["".join(f"{word:>16s}" for word in head)]
-        for i, (label, unit) in enumerate(zip(told.labels, told.units, strict=True)):
-            numbers = (f"{x[i]:.2g}" if np.isfinite(x[i]) else "not determined" for x in stds)
-            lines.append(f"{label:>16s}" + "".join(f"{number:>16s}" for number in numbers) + f"  {unit}")
+        told, columns = self.forecast, self.forecast.columns
+        lines = ["".join(f"{word:>16s}" for word in ("standard error", *columns))]
+        for *words, unit in zip(told.labels, *columns.values(), told.units, strict=True):
+            lines.append("".join(f"{word:>16s}" for word in words) + f"  {unit}")
         lines += [f"separates {name} by {nats:.1f} nats (five sigma: 12.5)" for name, nats in told.separates.items()]
         lines += [f"does not determine {one.pair}: {one.why}" for one in told.cannot]
         used = ", ".join(f"{name} {share:.0%}" for name, share in zip(QUANTITIES, self.used.max(1), strict=True))

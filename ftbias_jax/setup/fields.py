@@ -2,6 +2,7 @@
 
 import difflib
 import re
+import tomllib
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -31,6 +32,9 @@ class Section(NamedTuple):
 
 Bounds = tuple[float, float]
 ANY: Bounds = (-np.inf, -np.inf)
+MAX_TOML = 1 << 20  # a setup is a page of text; anything larger is another kind of file
+MOST_PARTS = 32
+"""Of a dotted key: the parser's memory grows with their square."""
 LARGEST = 1e30  # in size: far above every quantity of a setup, and squares of it are still finite
 
 
@@ -78,6 +82,28 @@ def read_file(file: str, most: int, remedy: str, instead: str) -> bytes:
         size = f"{most >> 20} MiB" if most >> 20 else f"{most >> 10} KiB"
         raise SetupError(f"is larger than {size}", file=file, remedy=instead)
     return content
+
+
+def read_toml(file: str, remedy: str, instead: str) -> tuple[str, dict[str, Any]]:
+    """The text of a TOML file and its tables.
+
+    Raises:
+        SetupError: as of ``read_file``, or it is not TOML.
+    """
+    content = read_file(file, MAX_TOML, remedy, instead)
+    try:
+        text = content.decode()
+        if _longest_key(text) > MOST_PARTS:
+            raise SetupError(f"has a key of more than {MOST_PARTS} parts", file=file, remedy="write tables as [table]")
+        return text, tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # broken UTF-8, broken TOML (says where), arrays nested without end
+        raise SetupError(f"is not valid TOML: {error}", file=file, remedy="correct the syntax") from error
+
+
+def _longest_key(text: str) -> int:
+    """Parts of the longest dotted key, or of what may be one; comments left out."""
+    lines = (line.partition("#")[0] for line in text.splitlines())
+    return max((piece.count(".") + 1 for line in lines for piece in re.split(r"[=,\[\]{}]", line)), default=0)
 
 
 def refuse(section: Section, keys: Iterable[str], why: str, remedy: str = "remove one of the two") -> None:

@@ -29,15 +29,7 @@ AXIS_TOLERANCE = 1e-4  # an axis rounded to four digits still means a unit axis;
 MAX_GRAVITY = 30.0  # m/s^2: above every planet a robot stands on, below cm/s^2 or mistyped units
 NO_INERTIA = 1e-12  # kg m^2, a milligram at a millimetre: the round-off of a point mass
 INERTIA_TOLERANCE = 1e-6  # relative to the largest principal moment: inertias printed with seven digits pass
-POSE_NAMES = (
-    "orientation w",
-    "orientation x",
-    "orientation y",
-    "orientation z",
-    "position x",
-    "position y",
-    "position z",
-)
+POSE_NAMES = (*(f"orientation {entry}" for entry in "wxyz"), *(f"position {entry}" for entry in "xyz"))
 PER_JOINT = ("process_noise_density", "position_noise_std", "velocity_noise_std")
 """Keys of [joints] with an entry for every joint, or for every entry of a recorded pose."""
 
@@ -57,16 +49,20 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> types.Setup:
     scene = _scene(table(top, "robot"))
     robot = _robot(top, pose, scene)
     n = len(robot.joint_names)
-    sensor, joints, log = _sensor(top), _joints(top, n, pose), _log(top, n, pose)
-    tool, bias, data_noise = (
-        _tool(top, sensor, scene),
-        types.BiasSetup(**read_all(open_section(top, "bias"))),
-        _data_noise(top),
-    )
-    description = _path(table(top, "robot"), "urdf") or _path(table(top, "robot"), "mjcf")
-    limits = read_limits(top, n)
+    sensor = _sensor(top)
     return types.Setup(
-        robot, sensor, tool, bias, joints, log, _effects(top), data_noise, pose, limits, file, description
+        robot=robot,
+        sensor=sensor,
+        joints=_joints(top, n, pose),
+        log=_log(top, n, pose),
+        tool=_tool(top, sensor, scene),
+        bias=types.BiasSetup(**read_all(open_section(top, "bias"))),
+        data_noise=_data_noise(top),
+        effects=_effects(top),
+        pose=pose,
+        limits=read_limits(top, n),
+        path=file,
+        description=_path(table(top, "robot"), "urdf") or _path(table(top, "robot"), "mjcf"),
     )
 
 

@@ -7,12 +7,14 @@ takes the arm between two links as screws, and a link's inertia.
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 from xml.parsers import expat
 
 import numpy as np
 
 from ftbias_jax.errors import SetupError
+from ftbias_jax.setup.bodies import RigidBody
 from ftbias_jax.setup.fields import nearest, read_file, read_only
 from ftbias_jax.setup.robots import Pose, pose_at, prismatic_screw, revolute_screw
 from ftbias_jax.setup.types import RobotSetup, SensorSetup, ToolSetup, inertia_matrix
@@ -233,12 +235,11 @@ def urdf_tool(urdf: Urdf, tip_link: str, link: str, sensor: SensorSetup) -> Tool
     if kilograms <= 0:
         raise urdf.error(field, f"has the mass {kilograms:g} kg", "give tool.mass, center_of_mass and inertia")
     pose = pose.then(_origin(inertial, urdf, field))
-    center = sensor.rotation.T @ (pose.translation - sensor.translation)
-    turn = sensor.rotation.T @ pose.rotation
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     moments = [_numbers(inertial.find("inertia"), name, (0.0,), urdf, field) for name in names]
-    inertia = (turn @ inertia_matrix(np.concatenate(moments)) @ turn.T)[np.triu_indices(3)]
-    return ToolSetup(float(kilograms), read_only(center), read_only(inertia), urdf_link=link)
+    inertia = pose.rotation @ inertia_matrix(np.concatenate(moments)) @ pose.rotation.T
+    body = RigidBody(kilograms, pose.translation, inertia).seen_from(sensor.rotation, sensor.translation)
+    return replace(body.as_tool(), urdf_link=link)
 
 
 def fixed_pose(urdf: Urdf, tip_link: str, link: str) -> Pose:

@@ -1,7 +1,6 @@
 """``sensor_model.toml``: the sensor's errors as a file, with the sections, keys and units of a setup."""
 
 import os
-import tomllib
 
 import numpy as np
 
@@ -9,7 +8,7 @@ from ftbias_jax.errors import SetupError
 from ftbias_jax.model.effects.catalogue import CATALOGUE, values_from_setup
 from ftbias_jax.model.effects.types import Values
 from ftbias_jax.setup.dump import lines_of, text_of
-from ftbias_jax.setup.fields import Section, check_keys, read_file
+from ftbias_jax.setup.fields import Section, check_keys, read_toml
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup, sign_of
 from ftbias_jax.simulators.sensor_model import EFFECTS, SensorModel
@@ -19,7 +18,6 @@ KEYS = {
     "[bias]": ("noise_density", "initial_std", "initial_drift_std", "initial", "initial_drift", "drift_time"),
 }
 """What of a setup's sections is about the sensor's own errors."""
-MAX_BYTES = 1 << 20
 
 
 def sensor_model(setup: Setup) -> SensorModel:
@@ -69,11 +67,7 @@ def load_sensor_model(path: str | os.PathLike[str]) -> SensorModel:
         SetupError: it cannot be read, is not TOML, or says something impossible.
     """
     file = os.fspath(path)
-    content = read_file(file, MAX_BYTES, "give the path of a sensor_model.toml", "give a sensor_model.toml")
-    try:
-        mapping = tomllib.loads(content.decode())
-    except (ValueError, RecursionError) as error:
-        raise SetupError(f"is not valid TOML: {error}", file=file, remedy="correct the syntax") from error
+    _, mapping = read_toml(file, "give the path of a sensor_model.toml", "give a sensor_model.toml")
     top = check_keys(Section(mapping, "", file), ("sensor", "bias", "effects"))
     setup = parse_setup({**top.values, "sensor_pose": {}}, file)  # a sensor without an arm
     if others := [name for name in setup.effects if name not in EFFECTS]:

@@ -164,10 +164,3 @@ def test_a_manifest_that_is_a_link_is_not_written_through(tmp_path):
     with pytest.raises(OutputError, match="symbolic link"):
         Manifest(str(path))
     assert (tmp_path / "recording").read_bytes() == b"samples"
-
-
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
-def test_a_disk_that_is_full_is_one_error(monkeypatch):
-    monkeypatch.setattr("ftbias_jax.fleet.manifest._ends_in_the_middle", lambda path: False)
-    with pytest.raises(OutputError, match="No space left"), Manifest("/dev/full") as manifest:
-        manifest.add("run", {})

@@ -109,7 +109,7 @@ def test_a_log_at_hand_adds_what_it_tells(setup, made):
         "a log of an arm at rest tells next to nothing"
     )
     np.testing.assert_allclose(told.together, told.plan, rtol=0.05)
-    assert "log at hand" in str(both)
+    assert "logs at hand" in str(both)
 
 
 def test_a_motion_for_the_noise_tells_that_at_rest_and_what_each_speed_adds():

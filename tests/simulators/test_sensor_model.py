@@ -190,6 +190,7 @@ def test_a_file_of_the_sensor_comes_back_as_it_was(tmp_path):
     ("text", "words"),
     [
         ("[sensor", "is not valid TOML"),
+        (".".join("a" * 40) + " = 1", "has a key of more than 32 parts"),
         ("[sensor]\nnoise_std = -1", "sensor.noise_std"),
         ("[sensor]\nnoise_std = 1\n[tool]\nmass = 1", "tool: unknown key"),
         ("[sensor]\nnoise_std = 1\n[effects.tool_mass]\nmass = 1.0", "effects.tool_mass: is no effect of the sensor"),
