@@ -110,6 +110,6 @@ def test_bodies_on_one_topic_are_refused(tmp_path, poses):
 def test_info_knows_poses(tmp_path, poses):
     path = recordings.write(tmp_path, "ros1", published(poses))
     info = describe(path, pose_setup())
-    assert info.usable
+    assert info.verdict == "can be filtered"
     assert {stream.name for stream in info.streams} == {"/pose", "/wrench"}
-    assert not describe(path).usable
+    assert "but no joints" in describe(path).verdict
