@@ -140,7 +140,7 @@ def _write(writer, store, serialize, published):
                 options = {"callerid": message.publisher} if serialize == "serialize_ros1" else {}
                 connections[key] = writer.add_connection(message.topic, kind, typestore=store, **options)
             logged = message.logged if message.logged is not None else message.stamp + 1000
-            content = _filled(store, kind, fields, _header(store, message.stamp, frame, i))
+            content = filled(store, kind, fields, header(store, message.stamp, frame, i))
             writer.write(connections[key], logged, getattr(store, serialize)(content, kind))
 
 
@@ -161,7 +161,7 @@ def bag_record(fields, data):
     return struct.pack("<I", len(header)) + header + struct.pack("<I", len(data)) + data
 
 
-def _filled(store, name, fields, header):
+def filled(store, name, fields, header):
     """An object of a type with these fields; others are zero."""
     kind = store.types[name]
     values = []
@@ -170,11 +170,11 @@ def _filled(store, name, fields, header):
         if name == "std_msgs/msg/Header":
             return header
         if node == Nodetype.NAME:
-            values.append(_filled(store, described, _by_name(store, described, given), header))
+            values.append(filled(store, described, _by_name(store, described, given), header))
         elif node == Nodetype.BASE:
             values.append(given if given is not None else "" if described[0] == "string" else 0)
         elif described[0][0] == Nodetype.NAME:
-            values.append([_filled(store, described[0][1], one, header) for one in given or ()])
+            values.append([filled(store, described[0][1], one, header) for one in given or ()])
         elif described[0][1][0] == "string":
             values.append(list(given or ()))
         else:
@@ -210,7 +210,8 @@ def _described(message):
     return message.kind, message.fields, "somewhere"
 
 
-def _header(store, stamp, frame, i):
-    header = store.types["std_msgs/msg/Header"]
-    numbered = [i] if "seq" in header.__dataclass_fields__ else []
-    return header(*numbered, store.types["builtin_interfaces/msg/Time"](*divmod(stamp, SECOND)), frame)
+def header(store, stamp, frame, i):
+    """The header of message number i, of a time in ns."""
+    kind = store.types["std_msgs/msg/Header"]
+    numbered = [i] if "seq" in kind.__dataclass_fields__ else []
+    return kind(*numbered, store.types["builtin_interfaces/msg/Time"](*divmod(stamp, SECOND)), frame)

@@ -4,9 +4,10 @@ Of a table or a file of arrays that no setup describes, it says which keys would
 """
 
 import os
+import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from ftbias_jax.io.ros.record import Recording, Stream, Topic, Wanted, is_ros, r
 from ftbias_jax.io.tables.headers import FIXED
 from ftbias_jax.io.tables.poses import Poses, as_log
 from ftbias_jax.io.tables.streams import read_stream
-from ftbias_jax.setup.dump import Known, toml_line
+from ftbias_jax.setup.dump import Known, toml_line, write_template
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES
@@ -45,7 +46,6 @@ class LogInfo(NamedTuple):
     repairs: tuple[Repair, ...]
     verdict: str
     """One line: what can be filtered from it, or why nothing."""
-    usable: bool
     keys: tuple[str, ...] = ()
     """Lines of a setup that say how to read it, as far as it shows."""
     others: tuple[str, ...] = ()
@@ -73,7 +73,7 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
         names = table.joint_names
     else:
         names = setup.robot.joint_names
-    read = or_poses(read_recorded, path, setup or parse_setup(_robot_of(names)))
+    read = or_poses(read_recorded, path, setup or _setup_of({}, names))
     has_pose = setup is not None and setup.pose is not None
     log = as_log(read) if isinstance(read, Poses) else read
     names = names[: log.q.shape[1]]  # of a pose at rest the orientation alone is read
@@ -90,13 +90,13 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
     streams = (motion, wrench)
     if isinstance(read, Poses):
         counted = streams if read.timed else tuple(stream.without_stamps() for stream in streams)
-        return LogInfo(counted, (), read.repairs, f"{len(read.t)} static poses, which show the tool", True, poses=True)
+        return LogInfo(counted, (), read.repairs, f"{len(read.t)} static poses, which show the tool", poses=True)
     verdict = "can be filtered" if setup else f"has {len(names)} joints and a wrench"
     try:
         cleaned = clean(log)
-        return LogInfo(streams, (), cleaned.repairs, verdict, True, log=cleaned if setup else None)
+        return LogInfo(streams, (), cleaned.repairs, verdict, log=cleaned if setup else None)
     except LogError as error:
-        return LogInfo(streams, (), log.repairs, _nothing(error), False)
+        return LogInfo(streams, (), log.repairs, _nothing(error))
 
 
 def _describe_ros(path: str | os.PathLike[str], setup: Setup | None, salvage: bool) -> LogInfo:
@@ -114,16 +114,16 @@ def _describe_ros(path: str | os.PathLike[str], setup: Setup | None, salvage: bo
     missing = [words for role, words in sorted(needed.items()) if role not in roles]
     if setup is None and WRENCH in roles and JOINTS not in roles and roles & {POSE, TRANSFORM}:
         verdict = "has a pose and a wrench, but no joints: a setup with [sensor_pose] reads it"
-        return LogInfo(streams, others, repairs, verdict, False, _pose_keys(recording))
+        return LogInfo(streams, others, repairs, verdict, _pose_keys(recording))
     if missing:
-        return LogInfo(streams, others, repairs, f"nothing can be filtered without {' and '.join(missing)}", False)
+        return LogInfo(streams, others, repairs, f"nothing can be filtered without {' and '.join(missing)}")
     if setup is None:
-        return LogInfo(streams, others, repairs, "has joints and a wrench: --setup tells whether they fit", True)
+        return LogInfo(streams, others, repairs, "has joints and a wrench: --setup tells whether they fit")
     try:
         log = clean(log_of(recording, setup, os.fspath(path)))
     except LogError as error:
-        return LogInfo(streams, others, repairs, _nothing(error), False)
-    return LogInfo(streams, others, log.repairs, "can be filtered", True, log=log)
+        return LogInfo(streams, others, repairs, _nothing(error))
+    return LogInfo(streams, others, log.repairs, "can be filtered", log=log)
 
 
 def _nothing(error: LogError) -> str:
@@ -160,10 +160,8 @@ def is_usual(table: Table) -> bool:
 def look_at(path: str, table: Table) -> LogInfo:
     """What a file, which ``look`` has looked into, has by the usual names."""
     keys = _keys(table)
-    robot = _robot_of(table.joint_names or ["q0"])
-    if any(key.startswith("sensor_pose") for key in keys):
-        del robot["robot"]
-    setup = parse_setup(robot | _nested(keys | (RATE if table.time is None else {})))
+    rate = {"log.rate": Known(1.0)} if table.time is None else {}  # any
+    setup = _setup_of(keys | rate, table.joint_names or ["q0"])
     quantities = {
         "position": bool(table.orientation or table.joints),
         "velocity": bool(table.orientation or not table.joints) and table.has_imu and not table.static,
@@ -185,7 +183,7 @@ def look_at(path: str, table: Table) -> LogInfo:
         info = stream_info(name, kind, (), float(start) * unit, seconds, values[rows], labels, quantity == "wrench")
         streams.append(info if table.time is not None else info.without_stamps())
     lines, others = tuple(_lines(keys)), table.others[:MOST_NAMES]
-    return LogInfo(tuple(streams), (), (), _verdict(path, table), False, lines, others)
+    return LogInfo(tuple(streams), (), (), _verdict(path, table), lines, others)
 
 
 def _keys(table: Table) -> dict[str, Known]:
@@ -208,22 +206,13 @@ def _keys(table: Table) -> dict[str, Known]:
     return keys if table.static or table.time is not None else keys | RATE
 
 
-def _nested(keys: Mapping[str, Known]) -> dict[str, Any]:
-    """The keys as tables of a setup, with any rate where one is to be stated."""
-    tables: dict[str, Any] = {}
-    for key, known in keys.items():
-        *sections, last = key.split(".")
-        table = tables
-        for section in sections:
-            table = table.setdefault(section, {})
-        table[last] = 1.0 if known.value is None else known.value
-    return tables
-
-
-def _robot_of(joint_names: Sequence[str]) -> dict[str, Any]:
-    """A robot of these joints, in a setup that reads a file and means nothing else."""
-    joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": name} for name in joint_names]
-    return {"robot": {"joints": joints, "flange": {"translation": [0, 0, 0]}}, "sensor": {"noise_std": 1.0}}
+def _setup_of(keys: Mapping[str, Known], joint_names: Sequence[str]) -> Setup:
+    """A setup that reads a file and means nothing else: with these joints, unless its keys are of a pose."""
+    stated = {"sensor.noise_std": Known(1.0), **keys}
+    if not any(key.startswith("sensor_pose.") for key in keys):
+        joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": name} for name in joint_names]
+        stated |= {"robot.joints": Known(joints), "robot.flange": Known({"translation": [0, 0, 0]})}
+    return parse_setup(tomllib.loads(write_template(stated)))
 
 
 def _said_of(table: Table, quantity: str, width: int) -> tuple[str, str, tuple[str, ...]]:

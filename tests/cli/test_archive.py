@@ -258,14 +258,3 @@ def test_processes_give_the_results_of_one(logs):
     assert filter_archive("logs", "--jobs", 2) == 0
     assert_same_outputs(outputs(), expected)
     assert list(map(lasting, manifest())) == list(map(lasting, entries))
-
-
-@pytest.mark.parametrize("option", [["--plot", "a.png"], ["--check"], ["--offsets", "a.yaml"]])
-def test_options_of_a_single_log_are_refused(logs, capsys, option):
-    assert filter_archive("logs", *option) == 2
-    assert "needs a single log" in capsys.readouterr().err
-
-
-def test_many_logs_need_a_folder(logs, capsys):
-    assert main(["filter", "logs/b.npz", "logs/day/a.npz", "--setup", "setup.toml", "-o", "out.npz"]) == 2
-    assert "2 logs for the one file 'out.npz'" in capsys.readouterr().err

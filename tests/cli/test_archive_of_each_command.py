@@ -176,6 +176,9 @@ def test_a_log_with_other_conventions_is_left_out(swapped, capsys):
 @pytest.mark.parametrize(
     ("line", "option"),
     [
+        ("filter logs --plot a.png", "--plot"),
+        ("filter logs --check", "--check"),
+        ("filter logs --offsets a.yaml", "--offsets"),
         ("check logs --json a.json", "--json"),
         ("diagnose logs --apply --in-place", "--in-place"),
         ("diagnose logs --html a.html", "--html"),
@@ -189,9 +192,3 @@ def test_options_of_a_single_answer_are_refused(logs, capsys, line, option):
     assert run(command, *rest) == 2
     assert f"{option}: needs a single log" in capsys.readouterr().err
     assert not Path("out").exists()
-
-
-def test_results_may_not_replace_inputs(logs, capsys):
-    Path("logs/b.tuned.toml").write_text(SETUP)
-    assert main(["tune", "logs/b.npz", "--setup", "logs/b.tuned.toml", "-o", "logs"]) == 2
-    assert "is the same file as the input" in capsys.readouterr().err

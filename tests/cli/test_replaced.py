@@ -9,7 +9,6 @@ import pytest
 from small_archive import SETUP, write_log
 
 from ftbias_jax.cli.main import build_parser, main
-from ftbias_jax.errors import OutputError
 from ftbias_jax.filtering.quality.plot import new_figure, save_figure
 from ftbias_jax.io.atomic import write_atomic
 from ftbias_jax.io.write import npz, ours, table
@@ -185,9 +184,3 @@ def test_no_file_is_taken_for_ours_by_chance_or_stops_the_look(folder, suffix, c
     path.write_bytes(content)
     assert ours.kind_of(path) == ""
     assert ours.kind_of(folder / "missing.npz") == ""
-
-
-def test_a_setup_is_not_saved_through_a_link(folder):
-    os.symlink("setup.toml", "soft.toml")
-    with pytest.raises(OutputError, match="symbolic link"):
-        load_setup("setup.toml").save("soft.toml")

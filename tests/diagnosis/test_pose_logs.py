@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from stated import pose_setup
 
 import ftbias_jax as ft
-from ftbias_jax.setup import parse_setup
 
 EFFECTS = {
     "none": {},
@@ -17,18 +17,9 @@ EFFECTS = {
 }
 
 
-def setup_of(linear):
-    tables = {
-        "sensor": {"noise_std": [0.1, 0.004], "translation": [0.01, -0.02, 0.05], "rotation_rpy": [0.1, -0.2, 0.7]},
-        "tool": {"mass": 0.7, "center_of_mass": [0.01, 0, 0.06], "inertia": [0.002, 0, 0, 0.002, 0, 0.001]},
-        "sensor_pose": {"linear": linear},
-    }
-    return parse_setup(tables)
-
-
 @pytest.fixture(scope="module")
 def setup():
-    return setup_of("position")
+    return pose_setup()
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -50,7 +41,7 @@ def test_the_cause_of_a_pose_log_is_named(setup, name):
 @pytest.mark.parametrize("name", ["none", "gain"])
 def test_without_positions_turning_alone_shows_the_cause(name):
     """The sensor's accelerations, which nobody recorded, count as noise that averaging does not reduce."""
-    setup = setup_of("none")
+    setup = pose_setup(linear="none")
     made = ft.simulate(setup, EFFECTS[name], duration=30, rate=200, seed=1)
     diagnosis = ft.diagnose(setup, [made.log])
     assert [cause.effect for cause in diagnosis.causes] == ([] if name == "none" else ["gain"])
@@ -61,7 +52,7 @@ def test_without_positions_turning_alone_shows_the_cause(name):
 @pytest.mark.parametrize("force", [1.5, 8.0])
 def test_without_positions_contact_is_what_accelerations_cannot_be(force):
     """The stated 0.3 m/s^2 moves the tool with 0.21 N; ten times that may be an arm that stops and goes."""
-    setup = setup_of("none")
+    setup = pose_setup(linear="none")
     log = ft.simulate(setup, duration=30, rate=200, seed=1).log
     wrench = np.array(log.wrench)
     for start, axis in zip((5, 11, 17, 23), (0, 1, 2, 0), strict=True):

@@ -9,7 +9,6 @@ import by_params
 import numpy as np
 import pytest
 import two_joints
-from small_archive import manifest
 from two_joints import SETUP
 
 from ftbias_jax.cli.main import main
@@ -163,12 +162,6 @@ def test_a_saturated_axis_is_left_out_and_does_not_pull_the_bias(filtered, simul
     assert np.abs(errors(named_arrays(unmasked), simulated)[:, 0]).max() > 20
 
 
-def test_a_stuck_axis_is_left_out(filtered, simulated):
-    result, told = filtered(lambda log: log["wrench"][2000:6000, 4].fill(0.125), code=3)
-    assert "ty stands still from 10.0 s to 30.0 s: 4000 samples left out" in told
-    assert np.abs(errors(result, simulated)).max() < 5
-
-
 def spikes(log):
     """Contacts of 5 to 50 N and 0.02 to 0.5 s, one-sided, about once in two seconds; and single samples."""
     rng = np.random.default_rng(3)
@@ -244,28 +237,3 @@ def test_singular_priors_are_fine(filtered):
     assert (result["drift_std"][0] == 0).all()
     _, told = filtered(nothing, setup={**SETUP, "sensor": {"noise_std": 1e-200}}, code=3)
     assert "wherever the bias begins: do not trust the bias" in told
-
-
-@pytest.mark.parametrize("value", ["0", "-0.1", "nan", "inf"])
-def test_singular_and_negative_covariances_are_refused(tmp_path, simulated, capsys, value):
-    np.savez(tmp_path / "log.npz", **simulated.log)
-    lines = dump_setup(parse_setup(SETUP)).splitlines()
-    (at,) = [i for i, line in enumerate(lines) if line.startswith("noise_std")]
-    lines[at] = f"noise_std = {value}"
-    (tmp_path / "setup.toml").write_text("\n".join(lines))
-    files = [tmp_path / "log.npz", "--setup", tmp_path / "setup.toml", "-o", tmp_path / "out.npz"]
-    assert main(["filter", *map(str, files)]) == 1
-    assert "setup.toml: sensor.noise_std" in capsys.readouterr().err
-    assert not (tmp_path / "out.npz").exists()
-
-
-def test_faults_in_one_log_of_an_archive_are_in_the_manifest(simulated, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "logs").mkdir()
-    stuck = {**simulated.log, "wrench": simulated.log["wrench"].copy()}
-    stuck["wrench"][2000:6000, 4] = 0.125
-    np.savez("logs/stuck.npz", **stuck)
-    (tmp_path / "setup.toml").write_text(dump_setup(parse_setup(SETUP)))
-    assert main(["filter", "logs", "--setup", "setup.toml", "-o", "out"]) == 3
-    (entry,) = manifest()
-    assert entry.repairs == ("ty stands still from 10.0 s to 30.0 s: 4000 samples left out",)

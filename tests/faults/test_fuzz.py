@@ -1,14 +1,12 @@
 """Files of every format with random damage: what can be read, or an error of ours, in bounded time and memory."""
 
-import resource
-import sys
-import time
 from contextlib import suppress
 
 import log_files
 import numpy as np
 import pytest
 import recordings
+from bounded import bounded
 from recordings import FORMATS
 
 from ftbias_jax.errors import FtbiasError, LogError
@@ -57,38 +55,30 @@ def originals(tmp_path):
         yield next(path.glob("*.zstd")) if path.is_dir() else path
 
 
-@pytest.fixture
-def bounded():
-    """A check that a mutant took at most 20 s, and all of them together at most 1 GiB more than was there before."""
-    before, unit = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, 1 if sys.platform == "darwin" else 1024
-    started = time.perf_counter()
-
-    def check(which):
-        nonlocal started
-        assert time.perf_counter() - started < 20, which
-        assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * unit < 1 << 30, which
-        started = time.perf_counter()
-
-    return check
+@pytest.fixture(autouse=True)
+def _little_memory():
+    """All mutants together take at most 1 GiB more than was there before."""
+    with bounded(np.inf, 1024):
+        yield
 
 
-def test_mutants_of_every_format_of_logs(tmp_path, setup, bounded):
+def test_mutants_of_every_format_of_logs(tmp_path, setup):
     rng, read = np.random.default_rng(0), 0
     for path in list(originals(tmp_path)):
         content = path.read_bytes()
-        for i in range(MUTANTS):
+        for _ in range(MUTANTS):
             path.write_bytes(mutate(content, rng))
-            for how in (False, True):
+            with bounded(20):
+                for how in (False, True):
+                    with suppress(LogError):
+                        read_log(path, setup, salvage=how)
+                        read += 1
                 with suppress(LogError):
-                    read_log(path, setup, salvage=how)
-                    read += 1
-            with suppress(LogError):
-                look(str(path))
-            bounded((path, i))
+                    look(str(path))
     assert read > MUTANTS  # the mutations are not so coarse that nothing is read
 
 
-def test_mutants_of_setups_robots_poses_results_and_manifests(tmp_path, setup, bounded):
+def test_mutants_of_setups_robots_poses_results_and_manifests(tmp_path, setup):
     urdf = """<robot name="two"><link name="base"/><link name="tool0"/><joint name="pan" type="revolute">
         <parent link="base"/><child link="tool0"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="2"/>
         </joint></robot>"""
@@ -115,9 +105,8 @@ def test_mutants_of_setups_robots_poses_results_and_manifests(tmp_path, setup, b
         path = tmp_path / name
         reader(path)
         content = path.read_bytes()
-        for i in range(MUTANTS):
+        for _ in range(MUTANTS):
             path.write_bytes(mutate(content, rng))
-            with suppress(FtbiasError):
+            with bounded(20), suppress(FtbiasError):
                 reader(path)
-            bounded((name, i))
         path.write_bytes(content)

@@ -1,10 +1,8 @@
 """Logs that pause, whose clock jumps, or that are odd in size: cost follows the samples, and what is wrong is told."""
 
-import resource
-import time
-
 import numpy as np
 import pytest
+from bounded import bounded
 from small_archive import SETUP, write_log
 
 from ftbias_jax.check.regression import KNOT, make_layout
@@ -49,10 +47,8 @@ def paused(tmp_path, monkeypatch):
 @pytest.mark.parametrize("command", ["info", "check"])
 def test_commands_that_only_look_take_no_longer(paused, capsys, command, pause, place):
     paused(pause, place)
-    started, memory = time.perf_counter(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    assert main(WORDS[command].split()) == 0
-    assert time.perf_counter() - started < 10
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory < 1 << 18  # KiB
+    with bounded(10, 256):
+        assert main(WORDS[command].split()) == 0
 
 
 @pytest.mark.slow
@@ -61,10 +57,9 @@ def test_commands_that_only_look_take_no_longer(paused, capsys, command, pause, 
 @pytest.mark.parametrize("command", ["filter", "identify", "diagnose", "tune"])
 def test_commands_that_fit_take_no_longer(paused, capsys, command, pause, place):
     paused(pause, place)
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    assert main(WORDS[command].split()) in (0, 1, 3)
+    with bounded(np.inf, 1536):  # programs included
+        assert main(WORDS[command].split()) in (0, 1, 3)
     assert "Traceback" not in capsys.readouterr().err
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory < 3 << 19  # KiB, programs included
 
 
 @pytest.mark.parametrize("pause", [DAY, UNIX])

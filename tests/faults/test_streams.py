@@ -93,34 +93,33 @@ def rows():
     return 5 + 0.01 * np.arange(N), rng.normal(size=(N, 2)), rng.normal(size=(N, 6))
 
 
-@every_table
-def test_repeated_stamps_of_tables_are_left_out_and_counted_too(tmp_path, setup, name):
-    t, q, wrench = rows()
-    twice = np.repeat(np.arange(N), 2)
-    write_table(tmp_path / name, t[twice], q[twice], wrench[twice] + (np.arange(2 * N) % 2)[:, None])
-    log = read_log(tmp_path / name, setup)
-    np.testing.assert_array_equal(log.wrench, wrench)
-    assert log.repairs == (Repair(f"{N} of the samples left out: their stamps are repeated", lost=True),)
+TWICE, AGAIN = np.repeat(np.arange(N), 2), np.arange(2 * N)[:, None] % 2
+LATE = np.arange(N).reshape(-1, 4)[:, ::-1].ravel()  # by 0.03 s at most
+MENDED = {
+    "repeated stamps are left out": (
+        lambda t, q, wrench: (t[TWICE], q[TWICE], wrench[TWICE] + AGAIN),
+        (Repair(f"{N} of the samples left out: their stamps are repeated", lost=True),),
+    ),
+    "late rows are put in order": (
+        lambda t, q, wrench: (t[LATE], q[LATE], wrench[LATE]),
+        (Repair(f"{3 * N // 4} of the samples came late: put in order"),),
+    ),
+    "joints and wrench in two rows of one stamp become one": (
+        lambda t, q, wrench: (t[TWICE], np.where(AGAIN, np.nan, q[TWICE]), np.where(AGAIN, wrench[TWICE], np.nan)),
+        (),
+    ),
+}
 
 
 @every_table
-def test_late_rows_of_tables_are_put_in_order_and_counted_too(tmp_path, setup, name):
+@pytest.mark.parametrize("what", MENDED)
+def test_rows_of_tables_are_mended_and_counted_too(tmp_path, setup, name, what):
     t, q, wrench = rows()
-    order = np.arange(N).reshape(-1, 4)[:, ::-1].ravel()  # 0.03 s late at most
-    write_table(tmp_path / name, t[order], q[order], wrench[order])
-    log = read_log(tmp_path / name, setup)
-    np.testing.assert_array_equal(log.wrench, wrench)
-    assert log.repairs == (Repair(f"{3 * N // 4} of the samples came late: put in order"),)
-
-
-@every_table
-def test_joints_and_wrench_in_two_rows_of_one_stamp_become_one(tmp_path, setup, name):
-    t, q, wrench = rows()
-    twice, odd = np.repeat(np.arange(N), 2), np.arange(2 * N)[:, None] % 2
-    write_table(tmp_path / name, t[twice], np.where(odd, np.nan, q[twice]), np.where(odd, wrench[twice], np.nan))
+    spoil, repairs = MENDED[what]
+    write_table(tmp_path / name, *spoil(t, q, wrench))
     log = read_log(tmp_path / name, setup)
     np.testing.assert_array_equal(np.hstack([log.q, log.wrench]), np.hstack([q, wrench]))
-    assert log.repairs == ()
+    assert log.repairs == repairs
 
 
 @every_table

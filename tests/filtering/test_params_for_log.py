@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from stated import YAW_PITCH_ROLL
 
 from ftbias_jax.filtering import params_for_log, pipeline, smoother
 from ftbias_jax.filtering.fast import stages
@@ -26,19 +27,6 @@ from ftbias_jax.setup import load_setup, parse_setup
 
 START = 100.0
 OPTIONS = [Options(), Options(joint_uncertainty="none"), Options(gate=40.0)]
-SETUP = {
-    "robot": {
-        "joints": [
-            {"axis": [0, 0, 1], "point": [0, 0, 0], "name": "base"},
-            {"axis": [0, 1, 0], "point": [0, 0, 0.5], "name": "elbow"},
-            {"axis": [1, 0, 0], "point": [0, 0, 0.9], "name": "wrist"},
-        ],
-        "flange": {"translation": [0, 0, 1]},
-    },
-    "sensor": {"noise_std": [0.1, 0.004]},
-    "tool": {"mass": 0.7, "center_of_mass": [0, 0, 0.06]},
-    "joints": {"position_noise_std": 1e-4, "velocity_noise_std": 1e-3},
-}
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +99,15 @@ def test_samples_without_measurements_change_nothing(params, log):
     assert_same(by_params.filter_with_params(params, more), by_params.filter_with_params(params, log), rtol=1e-6)
 
 
+def test_a_saturated_sample_is_not_used(params, log):
+    limits = np.full(6, 1e3)
+    limits[2] = np.nanquantile(np.abs(log.wrench[:, 2]), 0.8)
+    clipped = log._replace(wrench=np.clip(log.wrench, -limits, limits))
+    used = params_for_log.without_useless(clipped, params._replace(effects={"saturation": {"limits": limits}})).wrench
+    np.testing.assert_array_equal(used, np.where(np.abs(clipped.wrench) == limits, np.nan, log.wrench))
+    assert np.isnan(used).sum() > np.isnan(log.wrench).sum()
+
+
 def test_smoothing_is_that_of_the_samples_that_passed_the_gate(params, samples, log):
     options = Options(gate=40.0)
     _, states, infos = by_params.found_in(params, log, options, ("smooth_joints", "filter_bias", "smooth_bias"))
@@ -137,8 +134,8 @@ def csv_text(log, names, order):
 @given(order=st.permutations(range(13)), names=st.permutations(["base", "elbow", "wrist"]))
 def test_permuting_the_names_and_columns_of_the_joints_changes_nothing(tmp_path_factory, log, order, names):
     """The filter sees the same numbers to the last bit."""
-    joints = [{**joint, "name": name} for joint, name in zip(SETUP["robot"]["joints"], names, strict=True)]
-    setup = parse_setup({**SETUP, "robot": {**SETUP["robot"], "joints": joints}})
+    joints = [{**joint, "name": name} for joint, name in zip(YAW_PITCH_ROLL["robot"]["joints"], names, strict=True)]
+    setup = parse_setup({**YAW_PITCH_ROLL, "robot": {**YAW_PITCH_ROLL["robot"], "joints": joints}})
     path = tmp_path_factory.mktemp("csv") / "log.csv"
     path.write_text(csv_text(log, names, order))
     read = read_log(path, setup)
@@ -147,7 +144,7 @@ def test_permuting_the_names_and_columns_of_the_joints_changes_nothing(tmp_path_
 
 
 def test_a_stated_density_is_kept_to_smooth_and_guarded_to_filter(samples):
-    setup = parse_setup({**SETUP, "joints": {**SETUP["joints"], "process_noise_density": [1, 2, 3]}})
+    setup = parse_setup({**YAW_PITCH_ROLL, "joints": {**YAW_PITCH_ROLL["joints"], "process_noise_density": [1, 2, 3]}})
     np.testing.assert_array_equal(params_for_log.likeliest_params(setup, samples).joint.process_density, [1, 2, 3])
     guarded = params_for_log.params_for_log(setup, samples).joint.process_density
     np.testing.assert_array_equal(guarded, params_for_log.LAG_GUARD * np.array([1, 2, 3]))

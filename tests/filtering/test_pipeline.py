@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from jax.flatten_util import ravel_pytree
+from small_filters import assert_all_close
 
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.pipeline import Options
@@ -39,9 +40,7 @@ def loop(params, samples):
 
 def assert_close(value, expected, tolerance=1e-12):
     """Trees equal to a tolerance relative to each leaf's largest entry; NaN in the same places."""
-    for (path, x), y in zip(jax.tree.leaves_with_path(value), jax.tree.leaves(expected), strict=True):
-        largest = np.nanmax(np.abs(y), initial=0.0)
-        np.testing.assert_allclose(x, y, rtol=0, atol=tolerance * largest, err_msg=jax.tree_util.keystr(path))
+    assert_all_close(value, expected, 0, tolerance)
 
 
 def cut(tree, start, stop):
@@ -56,6 +55,13 @@ def test_run_is_a_loop_of_step(params, samples):
     expected = loop(params, samples)
     assert_close(run(params, samples), expected)
     assert_close(pipeline.scan_steps(params, pipeline.init(params, samples), samples, emit=pipeline.keep_all), expected)
+
+
+def test_single_steps_refuse_effects(params, samples):
+    """An effect with a memory cannot be had from one sample."""
+    knowing = params._replace(effects={"gain": {"gain": jnp.ones(6)}})
+    with pytest.raises(ValueError, match="whole logs"):
+        pipeline.step(knowing, pipeline.init(params, samples), first_of(samples))
 
 
 def test_a_log_cannot_be_padded_to_less(samples):

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from stated import MOUNTED, YAW_PITCH_ROLL, pose_setup
 
 import ftbias_jax as ft
 from ftbias_jax.cli.commands.filter import filter_file
@@ -24,26 +25,7 @@ from ftbias_jax.model.simulate import Trajectory
 from ftbias_jax.setup import dump_setup, parse_setup
 
 RATE, SECONDS = 200, 30
-COMMON = {
-    "sensor": {"noise_std": [0.1, 0.004], "translation": [0.01, -0.02, 0.05], "rotation_rpy": [0.1, -0.2, 0.7]},
-    "tool": {"mass": 0.7, "center_of_mass": [0.01, 0, 0.06], "inertia": [0.002, 0, 0, 0.002, 0, 0.001]},
-}
-ARM = {
-    **COMMON,
-    "robot": {
-        "joints": [
-            {"axis": [0, 0, 1], "point": [0, 0, 0], "name": "yaw"},
-            {"axis": [0, 1, 0], "point": [0, 0, 0.3], "name": "pitch"},
-            {"axis": [1, 0, 0], "point": [0, 0, 0.5], "name": "roll"},
-        ],
-        "flange": {"translation": [0.1, 0, 0.6]},
-    },
-    "joints": {"position_noise_std": 1e-4, "velocity_noise_std": 1e-3},
-}
-
-
-def pose_setup(**section):
-    return parse_setup({**COMMON, "sensor_pose": section})
+ARM = YAW_PITCH_ROLL | MOUNTED
 
 
 @pytest.fixture(scope="module")

@@ -1,30 +1,15 @@
-"""Smoothing against the one normal distribution of all biases and readings, and against what the past knows."""
+"""Smoothing against what the past knows; that it is the posterior, fast/test_rts.py and test_params_for_log.py say."""
 
 import by_params
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.cli.commands import demo
 from ftbias_jax.filtering import pipeline, smoother
 from ftbias_jax.filtering.fast import stages
-from ftbias_jax.filtering.process_models import bias_drift_noise
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
 from ftbias_jax.types import Sample
-
-
-def test_bias_and_drift_are_smoothed_axis_by_axis(linear_gaussian, params, samples):
-    variance = np.random.default_rng(1).uniform(0.01, 0.1, (len(samples.dt), 6)) ** 2
-    A, Q = map(np.asarray, jax.vmap(bias_drift_noise, in_axes=(0, None))(samples.dt, params.bias.density))
-    prior = np.asarray(params.bias.prior_mean), np.diag(params.bias.prior_std**2)
-    model = linear_gaussian(A, Q, np.eye(6, 12), variance[:, :, None] * np.eye(6), *prior)
-    mean, covariance = model.smoothed(-np.asarray(samples.wrench))
-    start = pipeline.init(params, samples)
-    inputs = stages.bias_inputs(params, start, samples, jnp.zeros_like(variance), jnp.asarray(variance))
-    got_mean, got_std = smoother.smooth_axes(inputs)
-    np.testing.assert_allclose(got_mean.reshape(-1, 12), mean, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(got_std.reshape(-1, 12) ** 2, np.diagonal(covariance, axis1=1, axis2=2), rtol=1e-9)
 
 
 def test_the_whole_log_knows_more_than_its_past(params, samples):

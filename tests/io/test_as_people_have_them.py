@@ -233,39 +233,7 @@ def test_tables_with_any_separator(tmp_path, native, separator, change, mark):
     assert_same(read_log(path, arm_setup(time_unit="us"), raw=True), native)
 
 
-def written(folder, run, names, t, values):
-    path = folder / f"{run}_{names[0]}.csv"
-    np.savetxt(path, np.column_stack([t, values]), "%.17g", ",", header=",".join(["t", *names]), comments="")
-    return path
-
-
 FILES = {"position": "*_qw.csv", "velocity": "*_ax.csv", "wrench": "*_fx.csv"}
-
-
-def three_files(folder, run="1-baseline", late=0):
-    t, turned, _, _, force, wrench = pose()
-    written(folder, run, ["qw", "qx", "qy", "qz"], t[late:], wxyz(turned)[late:])
-    written(folder, run, ["ax", "ay", "az"], t + 500, force / STANDARD_GRAVITY)
-    return written(folder, run, ["fx", "fy", "fz", "tx", "ty", "tz"], t + 900, wrench)
-
-
-def test_three_files_are_one_log(tmp_path):
-    setup = pose_setup({"files": FILES, "time_unit": "us", "acceleration_unit": "g"}, linear="specific_force")
-    path = three_files(tmp_path)
-    log = read_log(path, setup, raw=True)
-    assert len(log.t) == 3 * SAMPLES
-    _, turned, _, _, _, wrench = pose()
-    rows = ~np.isnan(log.wrench).any(1)
-    np.testing.assert_allclose(log.wrench[rows], wrench)
-    assert (rows == (np.arange(3 * SAMPLES) % 3 == 2)).all()
-    known = ~np.isnan(log.q[:, 0])
-    assert (np.flatnonzero(known) % 3 == 0).all()
-    np.testing.assert_allclose(np.abs((log.q[known, :4] * wxyz(turned)).sum(1)), 1)
-    np.testing.assert_allclose(log.t[rows], (STEP * np.arange(SAMPLES) + 900) * 1e-6, atol=1e-9)
-    for other in ("1-baseline_qw.csv", "1-baseline_ax.csv"):
-        np.testing.assert_array_equal(read_log(tmp_path / other, setup, raw=True).wrench, log.wrench)
-    three_files(tmp_path, run="2", late=5)
-    assert np.isnan(read_log(tmp_path / "2_fx.csv", setup, raw=True).q[0, 0])
 
 
 def test_a_log_that_is_none_of_the_files_is_refused(tmp_path):

@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ftbias_jax.io.check import check_log, relative_seconds
-from ftbias_jax.io.log import Repair
 
 T = 4
 
@@ -36,14 +35,6 @@ def test_a_good_log_passes_unchanged_but_for_its_origin(setup):
     for name in ("q", "dq", "wrench", "temperature"):
         np.testing.assert_array_equal(getattr(log, name), given[name])
         assert getattr(log, name).dtype == np.float64
-
-
-def test_velocity_and_temperature_may_be_absent(setup):
-    log = check_log(**{**arrays(), "dq": None, "temperature": None}, setup=setup)
-    assert log.dq.shape == (T, 2)
-    assert log.temperature.shape == (T,)
-    assert np.isnan(log.dq).all()
-    assert np.isnan(log.temperature).all()
 
 
 def test_the_wrench_on_the_sensor_is_turned_into_the_wrench_on_the_tool(make_setup):
@@ -107,32 +98,5 @@ def test_logs_that_cannot_be_filtered_are_refused(setup, changes, field, what, r
     fails(setup, changes, field, what, remedy)
 
 
-def test_repeated_and_late_stamps_are_mended_and_told(setup):
-    """Joints and wrench of one moment may be in two rows; what is given twice counts once."""
-    given = arrays()
-    given["t"] = np.array([100.5, 100.49, 100.5, 101.0])
-    given["q"][0], given["dq"][0], given["wrench"][2] = np.nan, np.nan, np.nan
-    given["temperature"][2] = np.nan
-    log = check_log(**given, setup=setup)
-    np.testing.assert_allclose(log.t, [0, 0.01, 0.51])
-    np.testing.assert_array_equal(log.q, given["q"][[1, 2, 3]])
-    np.testing.assert_array_equal(log.wrench, given["wrench"][[1, 0, 3]])
-    assert log.repairs == (Repair("1 of the samples came late: put in order"),)
-    given["q"][0] = 7.0
-    log = check_log(**given, setup=setup, repairs=(Repair("before"),))
-    np.testing.assert_array_equal(log.q[1], [7, 7])
-    assert log.repairs == (
-        Repair("before"),
-        Repair("1 of the samples came late: put in order"),
-        Repair("1 of the samples left out: their stamps are repeated", lost=True),
-    )
-
-
 def test_a_wrong_shape_is_told_though_stamps_are_repeated(setup):
     fails(setup, {**put("t", 2, 100.5), "q": np.zeros((T + 1, 2))}, "q", "has shape (5, 2)", "one sample")
-
-
-def test_missing_samples_pass(setup):
-    log = check_log(**{**arrays(), **put("q", 1, np.nan), **put("wrench", (slice(None), 5), np.nan)}, setup=setup)
-    assert np.isnan(log.q[1]).all()
-    assert np.isnan(log.wrench[:, 5]).all()

@@ -7,7 +7,6 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.clock import (
     JUMP,
     PAUSE,
-    complaint_of_headers,
     continue_after_jumps,
     jumps,
     longer_in_words,
@@ -23,19 +22,6 @@ STEP = 10_000_000
 
 def steady(start=10**9, samples=20):
     return start + STEP * np.arange(samples)
-
-
-@pytest.mark.parametrize(
-    ("stamps", "complaint"),
-    [
-        ([np.zeros(20, int), steady()], "no stamps"),
-        ([steady(), steady(10**15)], "different clocks"),
-        ([np.r_[steady(), steady()], steady()], "jumps back"),
-    ],
-)
-def test_other_stamps_give_way_to_the_times_of_the_recorder(stamps, complaint):
-    logged = [steady(5, len(t)) for t in stamps]
-    assert complaint in complaint_of_headers(stamps, logged)
 
 
 def test_segments_follow_each_other_and_stay_together():
@@ -82,11 +68,6 @@ def test_a_clock_that_was_set_back_is_no_late_sample(stamps):
     """Not even if it goes back in steps that are each small."""
     with pytest.raises(LogError, match=r"t: time does not increase: .* \(sort the samples, or cut the log where"):
         put_in_order(stamps, {"q": np.zeros(len(stamps))})
-
-
-@pytest.mark.parametrize("first", [steady(), np.where(np.arange(20) == 3, 0, steady())], ids=["whole", "one missing"])
-def test_stamps_of_one_clock_are_kept(first):
-    assert not complaint_of_headers([first, steady(10**9 + 5)], [steady(), steady()])
 
 
 @pytest.mark.parametrize("rate", [-3000.0, -80.0, 250.0, 5000.0])

@@ -12,7 +12,6 @@ from one_line import reading_fails as fails
 from pyarrow import parquet as pq
 
 from ftbias_jax.io import read_log
-from ftbias_jax.io.limits import budget
 from ftbias_jax.io.log import Log
 
 FIELDS = ("t", "q", "dq", "wrench")
@@ -99,13 +98,6 @@ def test_a_parquet_without_rows_and_one_with_an_empty_column(tmp_path, setup, or
     log = read_log(tmp_path / "log.parquet", setup)
     assert np.isnan(log.wrench[:, 0]).all()
     np.testing.assert_array_equal(log.wrench[:, 1:], original.wrench[:, 1:])
-
-
-@pytest.mark.parametrize("suffix", [".parquet", ".h5"])
-def test_too_many_numbers_are_refused_before_memory_is_taken(tmp_path, setup, original, monkeypatch, suffix):
-    path = written(tmp_path / f"log{suffix}", original)
-    monkeypatch.setattr(budget, "MAX_BYTES", 100)
-    fails(path, setup, "declares more than 100 bytes of numbers", "split the log")
 
 
 def test_hdf5_streams_with_their_own_stamps_are_merged(tmp_path, setup, original):

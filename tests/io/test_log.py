@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from stated import pose_setup
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
-from ftbias_jax.setup import parse_setup
 
 T = 600
 
@@ -37,23 +37,8 @@ def test_arrays_are_checked_and_cleaned_as_files_are(tmp_path, make_setup, raw):
     assert np.isnan(log.wrench[:, 3]).any() == (not raw)
 
 
-def test_two_streams_may_have_stamps_of_their_own(tmp_path, setup):
-    given = arrays()
-    t_joints, t_wrench = given["t"][::2], given["t"]
-    np.savez(tmp_path / "log.npz", t_joints=t_joints, t_wrench=t_wrench, q=given["q"][::2], wrench=given["wrench"])
-    log = Log.from_arrays(setup, (t_joints, t_wrench), given["q"][::2], given["wrench"])
-    assert_same(log, read_log(tmp_path / "log.npz", setup))
-    assert log.repairs[0].what == "1 of the samples of the wrench left out: their stamps are repeated"
-
-
 def test_a_pose_stands_in_for_the_joints(tmp_path):
-    setup = parse_setup(
-        {
-            "sensor_pose": {"orientation": "quaternion_xyzw", "linear": "none"},
-            "sensor": {"noise_std": [0.1, 0.004]},
-            "tool": {"mass": 0.7, "center_of_mass": [0, 0, 0.06]},
-        }
-    )
+    setup = pose_setup(orientation="quaternion_xyzw", linear="none")
     given, half = arrays(), 0.3 * np.sin(np.arange(T) / 50)
     turns = np.stack([np.sin(half), 0 * half, 0 * half, np.cos(half)], 1)
     np.savez(tmp_path / "log.npz", t=given["t"], orientation=turns, wrench=given["wrench"])

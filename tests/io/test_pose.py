@@ -5,24 +5,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from stated import pose_setup
 
 from ftbias_jax.errors import LogError, SetupError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.pose import continuous, pose_entries, product, quaternions_of, rotate
-from ftbias_jax.setup import parse_setup
 
 COUNT = 50
 
 
-def setup_of(sensor=(), log=(), **section):
-    return parse_setup(
-        {
-            "sensor_pose": section,
-            "sensor": {"noise_std": 0.1, **dict(sensor)},
-            "tool": {"mass": 1.0, "center_of_mass": [0, 0, 0.1]},
-            "log": dict(log),
-        }
-    )
+ASKEW = {"sensor": {"noise_std": 0.1, "rotation_rpy": [0.3, -0.4, 1.0]}}
 
 
 def turning(count=COUNT, rate=3.0):
@@ -57,7 +49,7 @@ def test_products_and_turns_are_those_of_matrices(seed):
 
 def test_angular_velocity_is_the_rate_of_the_quaternion():
     """In the sensor's axes, which are mounted askew; the IMU has other stamps than the pose."""
-    setup = setup_of({"rotation_rpy": [0.3, -0.4, 1.0]}, linear="none", orientation="quaternion_wxyz")
+    setup = pose_setup(tables=ASKEW, linear="none", orientation="quaternion_wxyz")
     t = 0.01 * np.arange(10 * COUNT)
     angle = 0.3 * 10 * t[:, None]
     quaternion = np.hstack([np.cos(angle / 2), np.sin(angle / 2) * [0.6, 0.0, 0.8]])
@@ -74,7 +66,7 @@ def test_angular_velocity_is_the_rate_of_the_quaternion():
 
 def test_specific_force_adds_up_to_the_velocity():
     """A sensor that turns and swings along x; what it feels has gravity in it."""
-    setup = setup_of({"rotation_rpy": [0.3, -0.4, 1.0]}, linear="specific_force", orientation="quaternion_wxyz")
+    setup = pose_setup(tables=ASKEW, linear="specific_force", orientation="quaternion_wxyz")
     t = 0.002 * np.arange(5000)
     angle = 0.7 * t[:, None]
     quaternion = np.hstack([np.cos(angle / 2), np.sin(angle / 2) * [0.6, 0.0, 0.8]])
@@ -100,7 +92,7 @@ def test_rows_that_are_no_rotation_are_named(tmp_path, orientation, place, value
     recorded[place] = value
     np.savez(tmp_path / "log.npz", t=0.1 * np.arange(COUNT), orientation=recorded, wrench=np.ones((COUNT, 6)))
     with pytest.raises(LogError, match=f"orientation: {words}"):
-        read_log(tmp_path / "log.npz", setup_of(linear="none", orientation=orientation))
+        read_log(tmp_path / "log.npz", pose_setup(linear="none", orientation=orientation))
 
 
 def test_arrays_that_are_missing_are_named(tmp_path):
@@ -108,10 +100,10 @@ def test_arrays_that_are_missing_are_named(tmp_path):
     np.savez(tmp_path / "log.npz", **stamps, orientation=turning())
     for linear, words in (("position", "position: there is no array position"), ("specific_force", "specific force")):
         with pytest.raises(LogError, match=words):
-            read_log(tmp_path / "log.npz", setup_of(linear=linear, orientation="quaternion_wxyz"))
+            read_log(tmp_path / "log.npz", pose_setup(linear=linear, orientation="quaternion_wxyz"))
     np.savez(tmp_path / "log.npz", **stamps, orientation=turning(), position=np.ones((3, 3)))
     with pytest.raises(LogError, match="orientation, position: have 50 and 3 samples"):
-        read_log(tmp_path / "log.npz", setup_of(orientation="quaternion_wxyz"))
+        read_log(tmp_path / "log.npz", pose_setup(orientation="quaternion_wxyz"))
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet", ".h5"])
@@ -120,7 +112,7 @@ def test_every_format_has_poses(tmp_path, suffix):
     widths = {"position": 3, "angular_velocity": 3, "wrench": 6}
     arrays = {"t": 0.1 * np.arange(COUNT), "orientation": turning()[:, [1, 2, 3, 0]]}
     arrays |= {name: rng.normal(size=(COUNT, width)) for name, width in widths.items()}
-    logs = (read_log(log_files.write(tmp_path / f"log{s}", arrays), setup_of())[:5] for s in (suffix, ".npz"))
+    logs = (read_log(log_files.write(tmp_path / f"log{s}", arrays), pose_setup())[:5] for s in (suffix, ".npz"))
     for got, expected in zip(*logs, strict=True):
         np.testing.assert_allclose(got, expected, rtol=1e-12)
 
@@ -128,7 +120,7 @@ def test_every_format_has_poses(tmp_path, suffix):
 def test_pose_and_wrench_may_have_their_own_stamps(tmp_path):
     t = 10**9 + 10**7 * np.arange(COUNT)
     np.savez(tmp_path / "log.npz", t_joints=t, t_wrench=t[::2] + 10**6, orientation=turning(), wrench=np.ones((25, 6)))
-    log = read_log(tmp_path / "log.npz", setup_of(linear="none", orientation="quaternion_wxyz"))
+    log = read_log(tmp_path / "log.npz", pose_setup(linear="none", orientation="quaternion_wxyz"))
     assert np.isfinite(log.q).all(1).sum() == COUNT
     assert np.isfinite(log.wrench).all(1).sum() == 25
 
@@ -147,10 +139,9 @@ def test_pose_and_wrench_may_have_their_own_stamps(tmp_path):
 )
 def test_setups_that_make_no_sense_are_named(section, words):
     with pytest.raises(SetupError, match=words):
-        setup_of(**section)
+        pose_setup(**section)
 
 
 def test_an_arm_beside_a_pose_is_refused():
-    tables = {"sensor_pose": {}, "sensor": {"noise_std": 0.1}, "tool": {"mass": 1.0, "center_of_mass": [0, 0, 0.1]}}
     with pytest.raises(SetupError, match=r"robot\.model: unknown key"):
-        parse_setup({**tables, "robot": {"model": "panda"}})
+        pose_setup(tables={"robot": {"model": "panda"}})

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import own_effects
 import pytest
+from stated import PANDA
 
 from ftbias_jax.errors import SetupError, UsageError
 from ftbias_jax.filtering.verbs.from_setup import filter_log
@@ -16,16 +17,11 @@ from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue, OwnValues, values_of
 from ftbias_jax.model.effects.fitting import ByJoint, Entries, Fitting, Grid, Linear, Samples, Settling
 from ftbias_jax.model.effects.types import Effect, Parameter
+from ftbias_jax.model.kinematics.screws import sensor_pose
 from ftbias_jax.model.own_effects import catalogue_of_setup, catalogue_with, fault_of, load_effects
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate_log import simulate
 from ftbias_jax.setup import load_setup, parse_setup
-
-STATED = {
-    "robot": {"model": "panda"},
-    "sensor": {"noise_std": [0.1, 0.004]},
-    "tool": {"mass": 0.9, "center_of_mass": [0.01, 0.0, 0.06]},
-}
 
 
 def shifted(values, signals, wrench):
@@ -151,7 +147,7 @@ def test_values_without_their_catalogue_are_not_silently_left_out():
 
 def test_a_setup_states_an_own_effect_only_if_the_caller_has_brought_it(file, tmp_path):
     path = tmp_path / "setup.toml"
-    parse_setup(STATED | {"effects": {"hose_drag": {"coefficient": 3.0}}}).save(path)
+    parse_setup(PANDA | {"effects": {"hose_drag": {"coefficient": 3.0}}}).save(path)
     with pytest.raises(SetupError, match=r"unknown effect 'hose_drag'.*--effects"):
         params_from_setup(load_setup(path))
     params = params_from_setup(load_setup(path, effects=load_effects(file)))
@@ -160,19 +156,19 @@ def test_a_setup_states_an_own_effect_only_if_the_caller_has_brought_it(file, tm
 
 def test_an_effect_that_is_brought_twice_counts_once(file):
     effects = load_effects(file)
-    setup = parse_setup(STATED).with_effects(effects).with_effects(effects)
+    setup = parse_setup(PANDA).with_effects(effects).with_effects(effects)
     assert isinstance(catalogue_of_setup(setup), Catalogue)
     assert len(setup.own_effects) == 1
 
 
 def test_a_simulated_hose_pulls_against_the_velocity_of_the_sensor(file):
     """The force that the reading lacks, turned to base axes, against differences of the sensor's position."""
-    setup = parse_setup(STATED)
+    setup = parse_setup(PANDA)
     own = load_effects(file)
     made = simulate(setup, {"hose_drag": {"coefficient": 4.0}}, own=own, duration=4, rate=200, seed=3)
     changed = made.truth.wrench_clean - made.truth.wrench_tool
     params = params_from_setup(setup)
-    R, p = (np.stack(x) for x in zip(*(_pose(params.arm, q) for q in made.truth.q), strict=True))
+    R, p = jax.vmap(sensor_pose, (None, 0))(params.arm, made.truth.q)
     velocity = np.gradient(p, made.truth.t, axis=0)
     on_tool = -np.einsum("tij,tj->ti", R, changed[:, :3])
     np.testing.assert_allclose(on_tool[2:-2], -4.0 * velocity[2:-2], atol=0.02)
@@ -190,7 +186,7 @@ SPINNING = Effect(
 
 
 def test_a_column_that_an_effect_needs_is_simulated_filtered_and_kept_in_the_file(tmp_path):
-    setup = parse_setup(STATED | {"log": {"columns": {"current": "I"}}}).with_effects([SPINNING])
+    setup = parse_setup(PANDA | {"log": {"columns": {"current": "I"}}}).with_effects([SPINNING])
     current = np.sin(np.arange(200) / 7)
     made = simulate(setup, {"spinning": {"per_ampere": 2.0}}, duration=2, rate=100, columns={"current": current})
     change = made.truth.wrench_clean - made.truth.wrench_tool
@@ -209,18 +205,6 @@ def test_a_column_that_an_effect_needs_is_simulated_filtered_and_kept_in_the_fil
     ("columns", "message"), [(None, "needs the column 'current'"), ({"current": [1.0]}, "for 200 stamps")]
 )
 def test_a_column_that_is_missing_or_of_another_length_is_told(columns, message):
-    setup = parse_setup(STATED).with_effects([SPINNING])
+    setup = parse_setup(PANDA).with_effects([SPINNING])
     with pytest.raises(UsageError, match=message):
         simulate(setup, {"spinning": {}}, duration=2, rate=100, columns=columns)
-
-
-def _pose(arm, q):
-    """R, p of the sensor by the exponential of each screw, joint by joint."""
-    T = np.eye(4)
-    for v, s, angle in zip(np.asarray(arm.linear), np.asarray(arm.angular), q, strict=True):
-        K = np.array([[0, -s[2], s[1]], [s[2], 0, -s[0]], [-s[1], s[0], 0]])
-        step = np.eye(4)
-        step[:3, :3] = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
-        step[:3, 3] = (np.eye(3) * angle + (1 - np.cos(angle)) * K + (angle - np.sin(angle)) * K @ K) @ v
-        T = T @ step
-    return T[:3, :3] @ np.asarray(arm.zero_rotation), T[:3, 3] + T[:3, :3] @ np.asarray(arm.zero_position)

@@ -1,20 +1,15 @@
 import numpy as np
 import pytest
+from stated import PANDA
 
 from ftbias_jax.errors import SetupError
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
 
-SETUP = {
-    "robot": {"model": "panda"},
-    "tool": {"mass": 0.9, "center_of_mass": [0, 0, 0.05]},
-    "sensor": {"noise_std": [0.1] * 3 + [0.005] * 3},
-}
-
 
 def params_with(effects):
-    return params_from_setup(parse_setup(SETUP | {"effects": effects}, "vibrating.toml"))
+    return params_from_setup(parse_setup(PANDA | {"effects": effects}, "vibrating.toml"))
 
 
 @pytest.mark.parametrize("rows", [1, 7])

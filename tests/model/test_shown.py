@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from stated import PANDA, pose_setup
 
 from ftbias_jax.errors import SetupError
 from ftbias_jax.model.effects.catalogue import CATALOGUE
@@ -15,22 +16,14 @@ from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
 
 
-def setup_of(**sections):
-    tables = {
-        "sensor": {"noise_std": [0.1, 0.004], "translation": [0.01, -0.02, 0.05], "rotation_rpy": [0.1, -0.2, 0.7]},
-        "tool": {"mass": 0.7, "center_of_mass": [0, 0, 0.06]},
-    }
-    return parse_setup(tables | sections)
-
-
 def test_an_arm_shows_everything():
-    setup = setup_of(robot={"model": "panda"})
+    setup = parse_setup(PANDA)
     assert not_shown(setup) == {}
     check_shown({"cable": {}, "encoder_offset": {}}, setup)
 
 
 def test_effects_of_joints_and_of_accelerations_are_not_shown_by_an_orientation():
-    turning, moving = (setup_of(sensor_pose={"linear": linear}) for linear in ("none", "position"))
+    turning, moving = (pose_setup(linear=linear) for linear in ("none", "position"))
     assert set(not_shown(moving)) == {"encoder_offset", "cable"}
     assert set(not_shown(turning)) - set(not_shown(moving)) == {"tool_flexibility", "tool_inertia"}
     check_shown({"gain": {}, "tool_flexibility": {}}, moving)
@@ -42,7 +35,7 @@ def test_effects_of_joints_and_of_accelerations_are_not_shown_by_an_orientation(
     "term", [{"drive": "joint_angle", "frame": "sensor"}, {"drive": "constant", "frame": "joint", "joint": 1}]
 )
 def test_terms_of_joints_are_refused(term):
-    setup = setup_of(sensor_pose={})
+    setup = pose_setup()
     check_shown({"term": [{"drive": "constant", "frame": "base"}]}, setup)
     with pytest.raises(SetupError, match=r"effects\.term: does not go with"):
         check_shown({"term": [term]}, setup, prefix="effects.")
@@ -50,7 +43,7 @@ def test_terms_of_joints_are_refused(term):
 
 def moving(count=30):
     """Signals of a recorded pose with random states."""
-    setup = setup_of(sensor_pose={})
+    setup = pose_setup()
     params = params_from_setup(setup)
     q, dq, ddq = (jnp.asarray(x) for x in np.random.default_rng(0).normal(size=(3, count, 7)))
     t = jnp.arange(count, dtype=float)

@@ -1,6 +1,5 @@
 """Which arrays of a result are written, how exactly and at which samples; and what a file says about them."""
 
-import difflib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -8,8 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import UsageError
-from ftbias_jax.io.write.fields import FIELDS, SIGN, SMOOTH
+from ftbias_jax.io.write.fields import ADAPT, FIELDS, SIGN, SMOOTH
 from ftbias_jax.io.write.provenance import Provenance, as_text
+from ftbias_jax.setup.fields import nearest
 from ftbias_jax.types import Array
 
 PRECISIONS = {"single": np.float32, "double": np.float64}
@@ -43,9 +43,10 @@ def check_selection(selection: Selection, *, smooth: bool | None = None, adapt: 
 
     Whether the result will be smoothed, and the noise taken from the log: None = not known.
     """
-    check_fields(selection.fields)
-    there = {SMOOTH: smooth, "adapt": adapt}
+    there = {SMOOTH: smooth, ADAPT: adapt}
     for name in selection.fields:
+        if name not in FIELDS:
+            raise UsageError(f"there is no field {name!r}", field="fields", remedy=nearest(name, FIELDS))
         if there.get(FIELDS[name].needs) is False:
             remedy = "add --smooth" if FIELDS[name].needs == SMOOTH else "leave out --as-stated and adapt = false"
             raise UsageError(f"{name!r} will not be in the result", field="fields", remedy=remedy)
@@ -58,15 +59,6 @@ def check_selection(selection: Selection, *, smooth: bool | None = None, adapt: 
         raise UsageError(f"{selection.rate} Hz", field="rate", remedy="give a positive number")
     if selection.rate is not None and selection.every > 1:
         raise UsageError("every and a rate were both given", field="every", remedy="leave out one of the two")
-
-
-def check_fields(names: Sequence[str]) -> None:
-    """Refuse names that no result has."""
-    for name in names:
-        if name not in FIELDS:
-            near = difflib.get_close_matches(name, FIELDS, 1)
-            remedy = (f"did you mean {near[0]!r}? " if near else "") + f"choose from {', '.join(FIELDS)}"
-            raise UsageError(f"there is no field {name!r}", field="fields", remedy=remedy)
 
 
 def selected(arrays: Mapping[str, Array], selection: Selection = ALL) -> dict[str, Array]:

@@ -5,10 +5,9 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from small_filters import GAP, MODELS, models, problem, single, sizes
+from small_filters import GAP, MODELS, models, problem, sizes
 
 from ftbias_jax.filtering import gaussian
 from ftbias_jax.filtering.fast.scan import Inputs, filter_scan, innovations
@@ -99,12 +98,3 @@ def test_the_gap_makes_a_joint_start_again():
     inputs = problem("integrated_jerk", 0)
     track = filter_log(MODELS["integrated_jerk"], inputs)
     np.testing.assert_allclose(track.innovation_variance[GAP], inputs.restart_variance[:2] + inputs.variance[GAP])
-
-
-@pytest.mark.parametrize("model", ["integrated_jerk", "drift"])
-def test_float32_stays_float32_and_close(model):
-    wide = problem(model, 1)
-    tolerance = np.sqrt(np.finfo("float32").eps)
-    for got, expected in zip(filter_log(MODELS[model], single(wide)), filter_log(MODELS[model], wide), strict=True):
-        assert got.dtype == jnp.float32
-        np.testing.assert_allclose(got, expected, rtol=tolerance, atol=tolerance * np.abs(expected).max())

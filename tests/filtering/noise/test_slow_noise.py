@@ -89,25 +89,6 @@ def test_likelihoods_are_those_of_the_one_normal_distribution_of_all_blocks(line
             assert nats[g, axis] - constant == pytest.approx(exact, rel=1e-4)
 
 
-def test_innovations_are_those_of_a_filter_in_matrices(linear_gaussian, short):
-    means, grid = short
-    y = means.y
-    found = list(zip(*filter_blocks(means, grid, PRIOR.reshape(2, 6), DENSITY)[:2], strict=True))
-    for g, axis in ((0, 0), (1, 4), (2, 2)):
-        model = textbook(linear_gaussian, short, g, axis)
-        x, P = model.mean, model.covariance
-        filtered = list(zip(*model.filtered(y[:, axis, None]), strict=True))
-        for k, (v, s) in enumerate(found):
-            x, P = model.A[k] @ x, model.A[k] @ P @ model.A[k].T + model.Q[k]
-            C = model.C[0]
-            if np.isnan(y[k, axis]):
-                assert np.isnan(v[g, axis])
-            else:
-                assert v[g, axis] == pytest.approx(y[k, axis] - C @ x, rel=1e-3, abs=1e-4 * STD[axis])
-                assert s[g, axis] == pytest.approx(C @ P @ C + model.R[k, 0, 0], rel=1e-4)
-            x, P = filtered[k]
-
-
 @pytest.mark.parametrize(("ratio", "time"), [(1.0, 0.1), (1.0, 0.5), (1.0, 3.0), (0.3, 2.0), (0.2, 1.0)])
 def test_slow_errors_are_recovered(ratio, time):
     """In the median over the axes within a factor 1.6, in blocks of 0.05 s."""

@@ -5,7 +5,7 @@ from functools import partial
 import jax
 import numpy as np
 import pytest
-from made_series import STD, blocks_of
+from made_series import STD
 
 from ftbias_jax.filtering.noise import vibration
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout
@@ -73,18 +73,6 @@ def test_what_each_joint_adds_and_from_which_speed_on_it_grows_less_are_recovere
     np.testing.assert_allclose(found.per_speed, expected, rtol=0.25)
     np.testing.assert_array_equal(found.level, 1)
     np.testing.assert_allclose(found.variance(blocks, STD**2), variance(blocks), rtol=0.15)
-
-
-def test_it_is_recovered_from_samples_too():
-    """Scatter of blocks of Gaussian samples, as ``in_blocks`` cuts them."""
-    rng = np.random.default_rng(1)
-    t = np.arange(25 * COUNT) / 500
-    velocity = 0.6 * np.sin(t[:, None] * [0.7, 1.1, 0.4] + [0, 1, 2])
-    y = rng.normal(size=(len(t), 6)) * np.sqrt(STD**2 + velocity**2 @ PER_SPEED)
-    blocks, _ = blocks_of(t, y, velocity=velocity)
-    found = fit_vibration(blocks, free(blocks), STD**2)
-    assert np.isinf(found.speed)
-    np.testing.assert_allclose(found.per_speed, PER_SPEED, rtol=0.2)
 
 
 def test_a_long_log_is_judged_by_some_of_its_blocks(monkeypatch):

@@ -2,18 +2,11 @@
 
 import numpy as np
 import pytest
+from small_archive import TABLES
 
 import ftbias_jax as ft
 
-SETUP = {
-    "robot": {
-        "joints": [{"axis": [0, 0, 1], "point": [0, 0, 0]}, {"axis": [0, 1, 0], "point": [0, 0, 0.5]}],
-        "flange": {"translation": [0, 0, 1]},
-    },
-    "sensor": {"noise_std": [0.1, 0.004]},
-    "tool": {"mass": 0.7, "center_of_mass": [0, 0, 0.06]},
-    "joints": {"position_noise_std": 1e-5, "velocity_noise_std": 1e-4, "process_noise_density": 0.1},
-}
+JOINTS = {"position_noise_std": 1e-5, "velocity_noise_std": 1e-4, "process_noise_density": 0.1}
 PUSHES = ((8.0, 10.0, [4, 0, -6, 0, 0.1, 0]), (18.0, 18.6, [0, -9, 0, 0.2, 0, 0]))
 """s, s, and N, Nm that the environment exerts on the tool."""
 NOISE = np.repeat([0.1, 0.004], 3)
@@ -33,7 +26,7 @@ def pushed():
         truth[(t >= start) & (t < end)] = wrench
     on_tool = np.concatenate([weight, np.cross([0, 0, 0.06], weight)], 1) - truth  # the sensor holds against the push
     bias = 1 + 0.01 * t[:, None] * NOISE
-    setup = ft.parse_setup(SETUP)
+    setup = ft.parse_setup({**TABLES, "joints": JOINTS})
     dq = [0.3, 0.4] * np.cos(t[:, None] * [0.3, 0.4]) + 1e-4 * rng.normal(size=q.shape)
     reading = on_tool - bias + NOISE * rng.normal(size=truth.shape)
     log = ft.Log.from_arrays(setup, START + t, q, reading, dq)

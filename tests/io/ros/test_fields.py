@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 import pytest
-import recordings  # noqa: F401  skips without rosbags
+import recordings
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ftbias_jax.io.ros.fields import COMMON, PathError, make_plan, take, types_of
@@ -42,40 +42,33 @@ def text_for(encoding):
 class Made:
     """A message of my_msgs/State with random numbers, as bytes, and its definition."""
 
-    def __init__(self, encoding, seed=0, label="abc"):
+    def __init__(self, encoding, label="abc"):
         store = get_typestore(STORES[encoding])
         state, inner = text_for(encoding)
         store.register(get_types_from_msg(inner, "my_msgs/msg/Inner") | get_types_from_msg(state, "my_msgs/msg/State"))
-        kinds, rng = store.types, np.random.default_rng(seed)
-        time = kinds["builtin_interfaces/msg/Time"]
-        first = [1] if encoding == "ros1" else []
-        header = kinds["std_msgs/msg/Header"](*first, time(12, 34), "base")
-
-        def inside():
-            return kinds["my_msgs/msg/Inner"](3, ["a", "bcd"], time(5, 6), float(rng.normal()))
-
-        vector = kinds["geometry_msgs/msg/Vector3"]
-        self.wrench = rng.normal(size=6)
-        wrench = kinds["geometry_msgs/msg/Wrench"](vector(*self.wrench[:3]), vector(*self.wrench[3:]))
-        self.q, self.dq = rng.normal(size=7), rng.normal(size=5)
-        self.inner = [inside(), inside()]
-        self.more = [inside(), inside(), inside()]
-        self.content = kinds["my_msgs/msg/State"](
-            header,
-            2,
-            np.array([True, False, True]),
-            label,
-            rng.normal(size=3).astype(np.float32),
-            np.array([-5, 7], np.int16),
-            self.inner,
-            self.more,
-            kinds["geometry_msgs/msg/WrenchStamped"](header, wrench),
-            self.q,
-            self.dq,
-            4.5,
-        )
+        rng = np.random.default_rng(0)
+        self.fields = {
+            "mode": 2,
+            "flags": [True, False, True],
+            "label": label,
+            "load": rng.normal(size=3).astype(np.float32),
+            "counts": [-5, 7],
+            "q": rng.normal(size=7),
+            "dq": rng.normal(size=5),
+            "last": 4.5,
+        }
+        self.wrench, self.inner = rng.normal(size=6), rng.normal(size=2)
+        self.more = rng.normal(size=3)
+        parts = [
+            [{"small": 3, "names": ["a", "bcd"], "at": (5, 6), "value": x} for x in values]
+            for values in (self.inner, self.more)
+        ]
+        wrench = {"force": tuple(self.wrench[:3]), "torque": tuple(self.wrench[3:])}
+        nested = dict(zip(("inner", "more"), parts, strict=True)) | {"ft": {"wrench": wrench}}
+        header = recordings.header(store, 12 * recordings.SECOND + 34, "base", 1)
+        content = recordings.filled(store, "my_msgs/msg/State", self.fields | nested, header)
         serialize = store.serialize_cdr if encoding == "cdr" else store.serialize_ros1
-        self.data = bytes(serialize(self.content, "my_msgs/msg/State"))
+        self.data = bytes(serialize(content, "my_msgs/msg/State"))
         text, _ = store.generate_msgdef("my_msgs/msg/State", ros_version=2 if encoding == "cdr" else 1)
         self.types = types_of("my_msgs/State", encoding, Definition("ros2msg", text))
         self.encoding = encoding
@@ -87,27 +80,21 @@ class Made:
 @pytest.mark.parametrize("encoding", STORES)
 @pytest.mark.parametrize("label", ["", "a", "abcd", "abcdefg"])
 def test_fields_of_every_kind(encoding, label):
-    made = Made(encoding, label=label)
-    expected = {
+    made = Made(encoding, label)
+    q, flat = made.fields["q"], ("mode", "flags", "load", "counts", "q", "dq", "last")
+    expected = {name: np.atleast_1d(made.fields[name]) for name in flat} | {
         "ft.wrench": made.wrench,
         "ft.wrench.torque": made.wrench[3:],
         "ft.wrench.force.y": made.wrench[1:2],
-        "q": made.q,
-        "q[2]": made.q[2:3],
-        "q[1:4]": made.q[1:4],
-        "q[:2]": made.q[:2],
-        "q[5:]": made.q[5:],
-        "dq": made.dq,
-        "counts": [-5, 7],
-        "flags": [1, 0, 1],
-        "load": made.content.load,
-        "mode": [2],
-        "last": [4.5],
-        "inner.value": [x.value for x in made.inner],
-        "inner[1].value": [made.inner[1].value],
-        "more[0:2].value": [x.value for x in made.more[:2]],
+        "q[2]": q[2:3],
+        "q[1:4]": q[1:4],
+        "q[:2]": q[:2],
+        "q[5:]": q[5:],
+        "inner.value": made.inner,
+        "inner[1].value": made.inner[1:],
+        "more[0:2].value": made.more[:2],
         "more.at": [5, 6] * 3,
-        "last,q[0], ft.wrench.force.x": [4.5, made.q[0], made.wrench[0]],
+        "last,q[0], ft.wrench.force.x": [4.5, q[0], made.wrench[0]],
         "header.stamp": [12, 34],
     }
     for path, values in expected.items():
@@ -137,7 +124,6 @@ def test_paths_that_are_not_there_say_what_is(path, message, remedy):
 
 
 def test_bytes_that_are_cut_anywhere_are_damage():
-    made = Made("cdr")
     for encoding in STORES:
         made = Made(encoding)
         plan = make_plan(made.types, "my_msgs/State", "last")

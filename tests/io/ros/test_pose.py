@@ -4,24 +4,14 @@ import numpy as np
 import pytest
 import recordings
 from recordings import Pose, Wrench
+from stated import pose_setup
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.info import describe
 from ftbias_jax.io.pose import product, rotate
-from ftbias_jax.setup import parse_setup
 
 COUNT = 30
-
-
-def setup_of(**section):
-    return parse_setup(
-        {
-            "sensor_pose": section,
-            "sensor": {"noise_std": 0.1},
-            "tool": {"mass": 1.0, "center_of_mass": [0, 0, 0.1]},
-        }
-    )
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +37,7 @@ def measured(log):
 @pytest.mark.parametrize("kind", ["ros1", "sqlite", "mcap"])
 @pytest.mark.parametrize("order", ["quaternion_xyzw", "quaternion_wxyz"])
 def test_a_topic_of_poses(tmp_path, poses, kind, order):
-    log = read_log(recordings.write(tmp_path, kind, published(poses)), setup_of(orientation=order))
+    log = read_log(recordings.write(tmp_path, kind, published(poses)), pose_setup(orientation=order))
     t, q = measured(log)
     np.testing.assert_allclose(q, poses[:, [6, 3, 4, 5, 0, 1, 2]], atol=1e-12)
     np.testing.assert_allclose(t, np.arange(COUNT) * 0.01, atol=1e-9)
@@ -68,7 +58,7 @@ def test_a_chain_of_frames_with_static_ones_between(tmp_path, poses, base):
         *[m for m in published(inner[:3], ("base", "camera"), "/tf") if isinstance(m, Pose)],
     ]
     messages.sort(key=lambda m: m.stamp)
-    log = read_log(recordings.write(tmp_path, "mcap", messages), setup_of(frame="tool", base=base))
+    log = read_log(recordings.write(tmp_path, "mcap", messages), pose_setup(frame="tool", base=base))
 
     def pose_of(x):
         return x[..., :3], x[..., [6, 3, 4, 5]]
@@ -102,24 +92,24 @@ def test_frames_that_are_not_there_are_named(tmp_path, poses, section, words):
     island = Pose(recordings.START, ("island", "shore"), (0.0, 0, 0, 0, 0, 0, 1), "/tf_static")
     path = recordings.write(tmp_path, "mcap", [*published(poses, ("base", "tool"), "/tf"), island])
     with pytest.raises(LogError, match=words):
-        read_log(path, setup_of(**section))
+        read_log(path, pose_setup(**section))
 
 
 def test_frames_in_a_circle_are_refused(tmp_path, poses):
     messages = [*published(poses, ("a", "b"), "/tf"), *published(poses, ("b", "a"), "/tf")[60:]]
     with pytest.raises(LogError, match="go in a circle"):
-        read_log(recordings.write(tmp_path, "mcap", messages), setup_of(frame="a"))
+        read_log(recordings.write(tmp_path, "mcap", messages), pose_setup(frame="a"))
 
 
 def test_bodies_on_one_topic_are_refused(tmp_path, poses):
     messages = [*published(poses), *[m._replace(names=("other",)) for m in published(poses)[60:]]]
     with pytest.raises(LogError, match="are in several frames: 'base', 'other'"):
-        read_log(recordings.write(tmp_path, "ros1", messages), setup_of())
+        read_log(recordings.write(tmp_path, "ros1", messages), pose_setup())
 
 
 def test_info_knows_poses(tmp_path, poses):
     path = recordings.write(tmp_path, "ros1", published(poses))
-    info = describe(path, setup_of())
-    assert info.usable
+    info = describe(path, pose_setup())
+    assert info.verdict == "can be filtered"
     assert {stream.name for stream in info.streams} == {"/pose", "/wrench"}
-    assert not describe(path).usable
+    assert "but no joints" in describe(path).verdict

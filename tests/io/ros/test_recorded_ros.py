@@ -6,21 +6,9 @@ import pytest
 from ftbias_jax.cli.main import main
 from ftbias_jax.io.write.npz import load_npz
 
-JOINTS = [f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
-# Denavit and Hartenberg's parameters of the UR10e as Universal Robots publishes them: d m, a m, alpha rad.
-UR10E = [
-    (0.1807, 0.0, np.pi / 2),
-    (0.0, -0.6127, 0.0),
-    (0.0, -0.57155, 0.0),
-    (0.17415, 0.0, np.pi / 2),
-    (0.11985, 0.0, -np.pi / 2),
-    (0.11655, 0.0, 0.0),
-]
 SETUP = """
 [robot]
-urdf = "ur10e.urdf"
-base_link = "base"
-tip_link = "tool0"
+model = "ur10e"
 
 [sensor]
 noise_std = [0.5, 0.02]
@@ -31,26 +19,9 @@ center_of_mass = [0, 0, 0.06]
 """
 
 
-def urdf():
-    """Every joint turns about the z axis of a frame that the parameters of the joint before it place."""
-    lines, link, origin = ['<robot name="ur10e"><link name="base"/>'], "base", 'xyz="0 0 0"'
-    for i, (name, (d, a, alpha)) in enumerate(zip(JOINTS, UR10E, strict=True), 1):
-        lines.append(
-            f'<link name="link{i}"/><joint name="{name}" type="revolute"><parent link="{link}"/><child link="link{i}"/>'
-            f'<origin {origin}/><axis xyz="0 0 1"/><limit lower="-6.3" upper="6.3" effort="1" velocity="1"/></joint>'
-        )
-        link, origin = f"link{i}", f'xyz="{a} 0 {d}" rpy="{alpha} 0 0"'
-    lines.append(
-        f'<link name="tool0"/><joint name="flange" type="fixed"><parent link="{link}"/><child link="tool0"/>'
-        f"<origin {origin}/></joint></robot>"
-    )
-    return "\n".join(lines)
-
-
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "ur10e.urdf").write_text(urdf())
     (tmp_path / "setup.toml").write_text(SETUP)
     return tmp_path
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from log_files import write
+from stated import PANDA
 
 from ftbias_jax.cli.main import main
 from ftbias_jax.errors import LogError
@@ -13,16 +14,11 @@ from ftbias_jax.setup import dump_setup, load_setup, parse_setup
 T = 20
 JOINTS = [f"j{i}" for i in range(7)]
 CHANNELS = ["force_1", "force_2", "force_3", "torque_1", "torque_2", "torque_3"]
-STATED = {
-    "robot": {"model": "panda"},
-    "sensor": {"noise_std": [0.1, 0.004]},
-    "tool": {"mass": 0.9, "center_of_mass": [0.01, 0.0, 0.06]},
-}
 COLUMNS = {"time": "stamp", "position": JOINTS, "wrench": CHANNELS, "temperature": "degrees", "current": "amperes"}
 
 
 def setup_of(columns, **more):
-    return parse_setup(STATED | {"log": {"columns": columns}} | more)
+    return parse_setup(PANDA | {"log": {"columns": columns}} | more)
 
 
 def arrays():
@@ -75,7 +71,7 @@ def test_named_arrays_of_a_pose_come_before_the_native_ones(tmp_path):
         "orientation": np.full((T, 4), 9.0),
     }
     pose = {"orientation": "quaternion_wxyz", "linear": "none"}
-    stated = {key: value for key, value in STATED.items() if key != "robot"}
+    stated = {key: value for key, value in PANDA.items() if key != "robot"}
     setup = parse_setup(stated | {"sensor_pose": pose, "log": {"columns": {"position": names}}})
     log = read_log(write(tmp_path / "log.npz", content), setup, raw=True)
     np.testing.assert_array_equal(np.abs(log.q), np.tile([1.0, 0.0, 0.0, 0.0], (T, 1)))

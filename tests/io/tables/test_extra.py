@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from log_files import SUFFIXES, write
+from stated import PANDA
 
 from ftbias_jax.errors import LogError, SetupError
 from ftbias_jax.filtering.samples import pad, samples_from_log
@@ -11,12 +12,7 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.io.parts import open_log
 from ftbias_jax.setup import dump_setup, parse_setup
 
-STATED = {
-    "robot": {"model": "panda"},
-    "sensor": {"noise_std": [0.1, 0.004]},
-    "tool": {"mass": 0.9, "center_of_mass": [0.01, 0.0, 0.06]},
-    "log": {"columns": {"spindle_current": "I_spindle"}},
-}
+STATED = PANDA | {"log": {"columns": {"spindle_current": "I_spindle"}}}
 T = 12
 CURRENT = np.where(np.arange(T) % 3 == 1, np.nan, np.arange(T) ** 2.0)
 
@@ -40,20 +36,6 @@ def test_a_named_column_is_read_from_every_table_and_its_gaps_are_bridged(tmp_pa
     np.testing.assert_allclose(column.t, 0.01 * np.arange(T)[known], atol=1e-9)
     np.testing.assert_array_equal(column.values, CURRENT[known])
     np.testing.assert_allclose(column.at(log.t)[1], (CURRENT[0] + CURRENT[2]) / 2)
-
-
-def test_stamps_of_the_wrench_are_those_of_the_columns(tmp_path, setup):
-    content = arrays()
-    t = content.pop("t")
-    path = write(tmp_path / "log.npz", content | {"t_joints": t - 0.002, "t_wrench": t})
-    log = read_log(path, setup, raw=True)
-    np.testing.assert_allclose(log.columns["spindle_current"].t[0], 0.002, atol=1e-9)
-
-
-def test_stamps_in_nanoseconds_are_exact(tmp_path, setup):
-    stamps = 1_700_000_000_000_000_000 + 10_000_000 * np.arange(T)
-    log = read_log(write(tmp_path / "log.npz", arrays() | {"t": stamps}), setup, raw=True)
-    np.testing.assert_allclose(log.columns["spindle_current"].t, 0.01 * np.arange(T)[np.isfinite(CURRENT)], atol=1e-6)
 
 
 @pytest.mark.parametrize(

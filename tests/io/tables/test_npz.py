@@ -131,13 +131,6 @@ def test_constant_arrays_of_ordinary_logs_pass(tmp_path):
     assert np.isnan(load_arrays(tmp_path / "log.npz")["dq"]).all()
 
 
-def test_files_beyond_the_limit_are_refused(tmp_path, monkeypatch):
-    path = tmp_path / "log.npz"
-    np.savez(path, q=np.zeros(1000), other=np.zeros(1000))
-    monkeypatch.setattr("ftbias_jax.io.limits.budget.MAX_BYTES", 10_000)
-    fails(lambda: load_arrays(path, ["q"]), path, "bytes of arrays", "the limit is 10000 bytes")
-
-
 def test_recorded_logs(shared_data):
     setup = load_setup(shared_data / "real" / "abb_frida.toml")
     log = read_log(shared_data / "real" / "abb_frida.npz", setup)

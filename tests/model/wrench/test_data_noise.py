@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from stated import PANDA
 
 from ftbias_jax.filtering.likelihood import log_likelihood
 from ftbias_jax.model.params import params_from_setup
@@ -19,12 +20,6 @@ from ftbias_jax.model.wrench.tool_wrench import (
     vec,
 )
 from ftbias_jax.setup import parse_setup
-
-SETUP = {
-    "robot": {"model": "panda"},
-    "sensor": {"noise_std": [0.1, 0.004]},
-    "tool": {"mass": 0.7, "center_of_mass": [0, 0, 0.06]},
-}
 
 
 def test_the_variances_are_those_of_noisy_motions():
@@ -42,12 +37,12 @@ def test_the_variances_are_those_of_noisy_motions():
 
 def test_a_setup_states_it():
     rad = {"angular_velocity": 0.2, "linear_acceleration": 0.5}
-    params = params_from_setup(parse_setup({**SETUP, "data_noise": rad}))
+    params = params_from_setup(parse_setup({**PANDA, "data_noise": rad}))
     np.testing.assert_allclose(params.bias.data_variance[:3], np.full(3, 0.25), rtol=1e-12)
     np.testing.assert_allclose(params.bias.data_variance[3], 2 * 2 * 0.2**4, rtol=1e-12)  # -(wy^2 + wz^2)
-    assert params_from_setup(parse_setup(SETUP)).bias.data_variance is None
+    assert params_from_setup(parse_setup(PANDA)).bias.data_variance is None
     entries = np.linspace(0, 2, 36)
-    params = params_from_setup(parse_setup({**SETUP, "data_noise": {"entries": list(entries)}}))
+    params = params_from_setup(parse_setup({**PANDA, "data_noise": {"entries": list(entries)}}))
     np.testing.assert_allclose(params.bias.data_variance, entries**2, rtol=1e-12)
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+from functools import partial
 
 from ftbias_jax.cli.given import write_answers
 from ftbias_jax.errors import UsageError
@@ -101,13 +102,11 @@ def _mend(arguments: argparse.Namespace) -> int:
     for option, path in outputs.items():
         check_writable(path, option=option)
     check_outputs(outputs, [arguments.found, arguments.setup, arguments.like, *setup.files], kinds, arguments.force)
-    for path, text in made.files.items():
-        write_text(path, text)
-    write_text(beside["sensor_model.toml"], sensor_file_text(setup, "export"))
-    write_json(beside["not_expressed.json"], made.not_expressed)
     for one in made.not_expressed:
         print(f"not expressed: {one['effect']}: {one['why']}")
-    print(f"wrote {', '.join(outputs.values())}")
+    texts = {**made.files, beside["sensor_model.toml"]: sensor_file_text(setup, "export")}
+    answers = {path: partial(write_text, text=text) for path, text in texts.items()}
+    write_answers({**answers, beside["not_expressed.json"]: partial(write_json, content=made.not_expressed)})
     return 0
 
 

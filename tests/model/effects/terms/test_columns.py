@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from stated import PANDA
 
 from ftbias_jax.model.effects.terms.columns import added, at_point, change, columns, count_columns, state_of
 from ftbias_jax.model.effects.terms.forms import FORMS
@@ -14,11 +15,6 @@ from ftbias_jax.model.wrench.tool_wrench import Model
 from ftbias_jax.setup import parse_setup
 
 POINT = np.array([0.02, -0.03, 0.13])
-SETUP = {
-    "robot": {"model": "panda"},
-    "sensor": {"noise_std": [0.1, 0.01]},
-    "tool": {"mass": 0.7, "center_of_mass": [0.0, 0.0, 0.06]},
-}
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +23,7 @@ def signals() -> Signals:
     phase = np.outer(t, np.linspace(0.5, 2.0, 7)) + np.arange(7)
     rate = np.linspace(0.5, 2.0, 7)
     q = np.array([0, -0.5, 0, -2, 0, 1.8, 0.7]) + 0.4 * np.sin(phase)
-    params = params_from_setup(parse_setup(SETUP))
+    params = params_from_setup(parse_setup(PANDA))
     series = (t, q, 0.4 * rate * np.cos(phase), -0.4 * rate**2 * np.sin(phase), 25 + t)
     return Signals(*(jnp.asarray(x) for x in series), Model(params.arm, params.gravity, params.theta))
 
