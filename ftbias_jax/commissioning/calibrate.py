@@ -32,8 +32,10 @@ from ftbias_jax.setup.types import COMPENSATED, Setup, ToolSetup
 CAUSES, TERMS, TOOL, CHANNELS, NOISE = "causes", "terms", "tool", "gains and crosstalk", "noise"
 FIRST = "tool, first"
 """Kinds of steps."""
-QUIETER, LOUDEST = 3.0, 3.0
-"""Factor by which the unseen accelerations of a pose log are tried smaller, or larger; m/s^2 that no arm has for long."""
+QUIETER = 3.0
+"""Factor by which the unseen accelerations of a pose log are tried smaller, or larger."""
+LOUDEST = 3.0
+"""m/s^2: no arm accelerates as much for long."""
 ROUNDS = 2
 """Of diagnosis and identification; in recorded and simulated logs nothing changed after the second."""
 
