@@ -146,10 +146,13 @@ def calibrate(
 
 
 def _loosened(found: Setup, stated: Setup) -> Setup:
-    """A setup with the tool that was found, which causes beside it may still move as far as the stated one."""
+    """A setup with the tool that was found, which causes beside it may still move as far as the stated one.
+
+    Where its sensor turns about is not believed yet: what turns and lags seems to turn at a distance, too.
+    """
     loose = stated.tool
     tool = replace(found.tool, mass_std=loose.mass_std, center_of_mass_std=loose.center_of_mass_std)
-    return replace(found, tool=tool)
+    return replace(found, tool=tool, pose=stated.pose)
 
 
 def _with_causes(state: _State, road: _Road) -> _State:
