@@ -40,6 +40,7 @@ def test_signs_and_gaps_leave_one_smooth_path(signs, missing):
 def test_products_and_turns_are_those_of_matrices(seed):
     matrices, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(8, 3, 3)))
     matrices *= np.linalg.det(matrices)[:, None, None]
+    matrices[0] = np.diag([1, -1, -1])  # half a turn
     one, other = quaternions_of(matrices[:4]), quaternions_of(matrices[4:])
     vectors = np.random.default_rng(seed).normal(size=(4, 3))
     np.testing.assert_allclose(rotate(one, vectors), np.einsum("tij,tj->ti", matrices[:4], vectors), atol=1e-12)
@@ -130,11 +131,9 @@ def test_pose_and_wrench_may_have_their_own_stamps(tmp_path):
     [
         ({"orientation": "euler"}, "unknown value 'euler'"),
         ({"linear": "speed"}, "unknown value 'speed'"),
-        ({"orientatoin": "matrix"}, "did you mean 'orientation'"),
         ({"acceleration_std": 0.1}, "excluded by linear = 'position'"),
         ({"base": "world"}, "name the frame of TF"),
         ({"frame": "tool0", "orientation": "matrix"}, "TF has quaternions"),
-        ({"orientation_noise_std": 0.0}, "greater than 0"),
     ],
 )
 def test_setups_that_make_no_sense_are_named(section, words):
