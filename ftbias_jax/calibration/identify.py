@@ -6,16 +6,16 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
 from ftbias_jax.calibration.tool import physical, shown
+from ftbias_jax.calibration.tool.mounting import likely_rotation
 from ftbias_jax.calibration.tool.physical import FIXED, NAMES, PRIOR_STD
-from ftbias_jax.check.mounts import ROTATIONS
 from ftbias_jax.filtering import innovation_regression, likelihood, pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.innovation_regression import Linear, Prior
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options
 from ftbias_jax.filtering.smoother import smooth_joints
+from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import rotation_from_vector
 from ftbias_jax.model.params import Params
 from ftbias_jax.setup.rotations import vector_from_rotation
@@ -24,6 +24,11 @@ from ftbias_jax.types import Array, Gaussian, Sample
 MAX_ITERATIONS = 10
 MOUNTING_STD, GRAVITY_STD = 0.3, 0.1
 """rad, prior of the turns of the sensor on the flange, from the likely quarter turn, and of gravity."""
+LEVER_STD = 0.5
+"""m, prior of the distance at which a sensor turns whose position is not recorded: that of the joints of an arm. What
+accelerates it there goes with its orientation, and would be taken for weight."""
+SURE = 2.0
+"""Standard errors."""
 KEPT = "not determined by this motion, kept"
 PULLED = "not determined by this motion, as near to the setup as the others let it"
 NO_BETTER = "predicts unseen blocks no better than the setup's, kept"
@@ -61,8 +66,16 @@ class Identified(NamedTuple):
     gain: float = np.nan
     """nats over the start, as the log's own scatter counts them."""
     converged: bool = False
+    lever: np.ndarray = np.zeros(0)
+    """(3,) m, mount's axes, by which the sensor is further from where it turns than stated; (0,): its path is known."""
+    lever_stderr: np.ndarray = np.zeros(0)
     left: np.ndarray = np.zeros((0, 6))
     """(T, 6) N, Nm: the reading less what the tool found explains of it, NaN = not measured; none of static poses."""
+
+    @property
+    def swings(self) -> bool:
+        """Whether the log shows that its sensor turns at a distance that the setup does not state."""
+        return bool((np.abs(self.lever) > SURE * self.lever_stderr).any())
 
 
 def identify(
@@ -86,8 +99,11 @@ def identify(
     params = _turned(params, quarter)
     problem, _ = likelihood.wrench_problem(params, samples, joints, options)
     model = innovation_regression.linearise(problem, _readings, params, joints.mean, samples)
-    turns = np.repeat([MOUNTING_STD if mounting else FIXED, GRAVITY_STD if gravity else FIXED], 3)
-    prior = Prior(np.concatenate([physical.coordinates(params.theta), np.zeros(6)]), np.concatenate([PRIOR_STD, turns]))
+    moves = [MOUNTING_STD if mounting else FIXED, GRAVITY_STD if gravity else FIXED]
+    if isinstance(params.arm, FreeBody) and samples.q.shape[1] == len("wxyz"):
+        moves.append(LEVER_STD)
+    std = np.concatenate([PRIOR_STD, np.repeat(moves, 3)])
+    prior = Prior(np.pad(physical.coordinates(params.theta), (0, len(std) - len(PRIOR_STD))), std)
     dt = np.asarray(samples.dt)
     x = prior.mean
     linear = first = model(np.asarray(physical.physical(jnp.asarray(x))))
@@ -118,7 +134,7 @@ def _smoothed(params: Params, samples: Sample, options: Options) -> Gaussian:
 
 @jax.jit
 def _readings(z: Array, params: Params, joints: Array, samples: Sample) -> Array:
-    """(T, 6) N, Nm that the sensor should read; z (16,) as of ``_moved``, joints (T, n, 3)."""
+    """(T, 6) N, Nm that the sensor should read; z (P,) as of ``_moved``, joints (T, n, 3)."""
     return stages.predict_readings(_moved(params, z), joints, samples)
 
 
@@ -150,9 +166,9 @@ def _identified(
     remarks = tuple(_remark(name, found, open_) for name in NAMES)
     kept = np.array([remark in (KEPT, NO_BETTER) for remark in remarks])
     values, stderr = np.where(kept, stated, values), np.where(kept, np.nan, stderr)
-    down = np.asarray(_slope_of_gravity(params, jnp.asarray(linear.at)))[:, 13:]
+    down = np.asarray(_slope_of_gravity(params, jnp.asarray(linear.at)))[:, 13:16]
     rotation_stderr = np.sqrt(np.diag(covariance)[10:13])
-    gravity_stderr = np.sqrt(np.diag(down @ covariance[13:, 13:] @ down.T))
+    gravity_stderr = np.sqrt(np.diag(down @ covariance[13:16, 13:16] @ down.T))
     unexcited = [name for name, remark in zip(NAMES, remarks, strict=True) if remark in (KEPT, PULLED)]
     if mounting:
         unexcited += [
@@ -172,6 +188,8 @@ def _identified(
         rotation_stderr=rotation_stderr,
         gravity=np.asarray(_moved(params, jnp.asarray(linear.at)).gravity),
         gravity_stderr=gravity_stderr,
+        lever=linear.at[16:],
+        lever_stderr=np.sqrt(np.diag(covariance)[16:]),
         condition=shown.condition(linear.information, physical.tool_units(linear.at[0])),
         unexcited=unexcited,
         remarks=remarks,
@@ -214,66 +232,20 @@ def _turned(params: Params, rotation: np.ndarray) -> Params:
 
 
 def _moved(params: Params, z: Array) -> Params:
-    """Parameters at (16,): theta, rotation vector of the sensor, rotation vector of gravity."""
+    """Parameters at (P,): theta, rotation vectors of the sensor and of gravity; and how far the sensor is from where a
+    body turns whose position is not recorded."""
     arm = params.arm._replace(zero_rotation=params.arm.zero_rotation @ rotation_from_vector(z[10:13]))
+    if z.shape[0] > 16:
+        arm = arm._replace(zero_position=arm.zero_position + z[16:])
     return params._replace(arm=arm, gravity=rotation_from_vector(z[13:16]) @ params.gravity, theta=z[:10])
 
 
 @jax.jit
 def _slope_of_gravity(params: Params, z: Array) -> Array:
-    """(3, 16)."""
+    """(3, P)."""
     slope: Array = jax.jacfwd(lambda z: _moved(params, z).gravity)(z)
     return slope
 
 
 def _cost(linear: Linear) -> float:
     return float((linear.residual**2).sum() / 2)
-
-
-CLEARLY = 0.8
-"""Another start than the one stated must leave less than this share of the squares that the stated one leaves."""
-CERTAIN = 3.0
-"""Standard errors."""
-LEAST_TURN = 0.02
-"""rad, rms that the direction of gravity must turn in the sensor for its mounting to be in question."""
-MOST_ROWS = 4000
-"""Samples that are looked at, evenly spread."""
-
-
-def likely_rotation(
-    columns: Float[Array, "T 6 4"], wrench: Float[Array, "T 6"], t: Float[Array, " T"], std: Float[Array, " 6"]
-) -> Float[Array, "3 3"]:
-    """The axis rotation Q of the sensor, v_stated = Q v_true, from which the search should start.
-
-    For each rotation mass, first moment, bias and a steady drift are fitted by least squares to the turned reading, all
-    with one factorisation. Masses that are not surely positive do not count; as stated, those that are negative. The
-    columns (T, 6, 4) are the derivatives of the wrench by mass and first moment, axes of the sensor as stated; rows of
-    the wrench (T, 6) N, Nm with NaN are left out; the mean noise over forces and torques weighs them.
-    """
-    rows = np.flatnonzero(np.isfinite(wrench).all(1))
-    if not len(rows):
-        return np.eye(3)
-    rows = rows[np.linspace(0, len(rows) - 1, min(MOST_ROWS, len(rows))).astype(int)]
-    weight = 1 / np.repeat([std[:3].mean(), std[3:].mean()], 3)
-    time = (t[rows] - t[rows].mean()) / (np.ptp(t[rows]) or 1.0)
-    turns = np.stack(ROTATIONS)
-    turned = np.einsum("kab,tgb->tgak", turns, wrench[rows].reshape(-1, 2, 3)).reshape(len(rows), 6, -1)
-    design, target = (
-        _without_line(x * weight[:, None], time).reshape(6 * len(rows), -1) for x in (columns[rows], turned)
-    )
-    inverse = np.linalg.pinv(design)
-    solution = inverse @ target
-    cost = ((target - design @ solution) ** 2).sum(0)
-    if (design[:, 0] ** 2).sum() < LEAST_TURN**2 * ((columns[rows, :, 0] * weight) ** 2).sum():
-        return turns[0]
-    error = np.sqrt(cost / len(target) * (inverse[0] ** 2).sum())
-    sure = np.where(np.arange(len(turns)) == 0, -CERTAIN, CERTAIN)
-    cost[solution[0] <= sure * error] = np.inf
-    best = int(cost.argmin())
-    return turns[best] if cost[best] < CLEARLY * cost[0] else turns[0]
-
-
-def _without_line(x: Array, time: Array) -> Array:
-    """Columns x (T, 6, k) less the constant and the steady drift that fit them best; time (T,) has mean zero."""
-    slope = np.einsum("t,tak->ak", time, x) / (time @ time)
-    return x - x.mean(0) - time[:, None, None] * slope

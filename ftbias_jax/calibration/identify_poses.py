@@ -6,7 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.calibration.identify import GRAVITY_STD, KEPT, MOUNTING_STD, PULLED, Identified, likely_rotation
+from ftbias_jax.calibration.identify import GRAVITY_STD, KEPT, MOUNTING_STD, PULLED, Identified
+from ftbias_jax.calibration.tool.mounting import likely_rotation
 from ftbias_jax.calibration.tool.physical import FIXED, NAMES, theta_of, tool_units
 from ftbias_jax.calibration.tool.shown import condition, undetermined
 from ftbias_jax.calibration.tool.static import Estimate, Problem, estimate, weight_columns

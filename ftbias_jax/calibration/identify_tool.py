@@ -84,6 +84,10 @@ class IdentifyResult:
             lines.append(f"sensor turned by {turned} deg")
         if self.gravity:
             lines.append(f"gravity {with_errors(found.gravity, found.gravity_stderr)} m/s^2")
+        if found.swings:
+            lines.append(
+                f"the sensor turns at a distance: {with_errors(found.lever, found.lever_stderr)} m, mount's axes"
+            )
         if self.channels is not None:
             lines += channels_in_words(self.channels)
         lines.append(f"bias at the end: {with_errors(found.bias[:3], found.bias_stderr[:3])} N")
@@ -200,10 +204,13 @@ def _with_tool(setup: Setup, found: Identified, mounting: bool, gravity: bool) -
         tool = replace(tool, mass_std=float(found.stderr[0]))
     if tool.center_of_mass_std is not None and np.isfinite(found.stderr[1:4]).all():
         tool = replace(tool, center_of_mass_std=found.stderr[1:4])
-    turned = setup.sensor.rotation @ rotation_from_vector(found.rotation)
+    turned, pose = setup.sensor.rotation @ rotation_from_vector(found.rotation), setup.pose
+    if pose is not None and found.swings:
+        pose = replace(pose, turns_about=pose.turns_about - found.lever)
     return replace(
         setup,
         tool=tool,
+        pose=pose,
         sensor=replace(setup.sensor, rotation=turned) if mounting else setup.sensor,
         robot=replace(setup.robot, gravity=found.gravity) if gravity else setup.robot,
     )
@@ -221,6 +228,8 @@ def _comments(found: Identified, mounting: bool, gravity: bool, bias: bool) -> d
         comments["sensor.rotation_rpy"] = f"turned by the identified {turned}"
     if gravity:
         comments["robot.gravity"] = f"identified ± {plain_errors(found.gravity_stderr)}"
+    if found.swings:
+        comments["sensor_pose.turns_about"] = f"identified ± {plain_errors(found.lever_stderr)}"
     if bias:
         comments["bias.initial"] = "of the log that the tool was identified from"
     return comments

@@ -208,7 +208,7 @@ def stated(case: Case) -> State:
 def motion_of_pose(setup: Setup, q: Array, dq: Array, ddq: Array, *, in_body: bool = False) -> SensorMotion:
     """Of a sensor whose pose was recorded; arguments as for ``motion.body_motion``."""
     assert setup.pose is not None
-    lever = np.zeros(3) if setup.pose.linear == "specific_force" else setup.sensor.translation
+    lever = setup.pose.lever(setup.sensor.translation)
     return body_motion(setup.sensor, lever, q, dq, ddq, in_body=in_body)
 
 

@@ -167,9 +167,7 @@ def _sensor_base(setup: Setup, dtype: Any) -> Arm | FreeBody:
     """What carries the sensor."""
     robot, sensor = setup.robot, setup.sensor
     if setup.pose is not None:
-        # An accelerometer's path is that of the sensor itself.
-        translation = np.zeros(3) if setup.pose.linear == "specific_force" else sensor.translation
-        return FreeBody(as_array(translation, dtype), as_array(sensor.rotation, dtype))
+        return FreeBody(as_array(setup.pose.lever(sensor.translation), dtype), as_array(sensor.rotation, dtype))
     rotation = robot.flange_rotation @ sensor.rotation
     position = robot.flange_translation + robot.flange_rotation @ sensor.translation
     return Arm(*(as_array(x, dtype) for x in (robot.screws[:, :3], robot.screws[:, 3:], position, rotation)))

@@ -73,7 +73,7 @@ def _pose(top: Section) -> PoseSetup | None:
     section = open_section(top, "sensor_pose")
     linear = read(section, "linear")
     if linear != "none":
-        refuse(section, ("acceleration_std",), f"excluded by linear = {linear!r}")
+        refuse(section, ("acceleration_std", "turns_about"), f"excluded by linear = {linear!r}")
     if section.values.get("orientation") in ("matrix", "axis_angle"):
         refuse(section, ("frame",), "TF has quaternions", "leave orientation out")
     if "base" in section.values:

@@ -53,11 +53,18 @@ class PoseSetup:
     """Whether a recorded angular velocity is used."""
     imu_rotation: Array = field(default_factory=lambda: np.eye(3))
     """(3, 3) axes of the IMU in the sensor's frame."""
+    turns_about: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) m, body's axes: the point of the body that counts as at rest, if linear is "none"."""
 
     @property
     def orientation_columns(self) -> int:
         """How many columns the orientation has."""
         return {"matrix": 9, "axis_angle": 3}.get(self.orientation, 4)
+
+    def lever(self, translation: Array) -> Array:
+        """(3,) m, body's axes: the sensor, at ``translation``, from the point whose acceleration is known or zero."""
+        # An accelerometer's path is that of the sensor itself.
+        return np.zeros(3) if self.linear == "specific_force" else translation - self.turns_about
 
     @property
     def columns(self) -> tuple[int, int]:

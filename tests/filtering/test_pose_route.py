@@ -1,5 +1,8 @@
 """A log of the sensor's pose gives the bias that the joints of the same simulated log give."""
 
+import tomllib
+from dataclasses import replace
+
 import by_params
 import jax
 import jax.numpy as jnp
@@ -7,6 +10,7 @@ import numpy as np
 import pytest
 from stated import MOUNTED, YAW_PITCH_ROLL, pose_setup
 
+import ftbias_jax as ft
 from ftbias_jax.cli.commands.filter import filter_file
 from ftbias_jax.filtering import params_for_log
 from ftbias_jax.filtering.samples import samples_from_log
@@ -18,7 +22,7 @@ from ftbias_jax.model import simulate
 from ftbias_jax.model.kinematics.screws import make_arm, sensor_motion
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate import Trajectory
-from ftbias_jax.setup import parse_setup
+from ftbias_jax.setup import dump_setup, parse_setup
 
 RATE, SECONDS = 200, 30
 ARM = YAW_PITCH_ROLL | MOUNTED
@@ -133,3 +137,20 @@ def test_missing_orientations_cost_accuracy_and_nothing_else(truth, tmp_path):
     assert np.isfinite(result["bias"]).all()
     error = np.abs(result["bias"] - truth["bias"]) / result["bias_std"]
     assert error[200:].max() < 6
+
+
+def test_accelerations_that_go_with_the_turning_are_not_taken_for_weight(truth):
+    """Of orientations alone: the arm swings the sensor at a distance that nobody recorded."""
+    setup = pose_setup(orientation="quaternion_wxyz", linear="none", orientation_noise_std=1e-4, acceleration_std=0.5)
+    light = replace(setup, tool=replace(setup.tool, mass=0.5))
+    arrays = {"t": truth["log"]["t"], "wrench": truth["log"]["wrench"], "orientation": truth["quaternion_wxyz"]}
+    log = ft.Log.from_arrays(light, q=None, **arrays)
+    found = ft.identify_tool(light, log, unchecked=True)
+    assert abs(found.tool.values[0] - 0.7) < 3 * found.tool.stderr[0] < 0.005
+    np.testing.assert_allclose(found.tool.values[1:4], [0.01, 0.0, 0.06], atol=5e-4)
+    # The filter then knows most of the accelerations, from the setup as it is written.
+    again = parse_setup(tomllib.loads(dump_setup(found.setup)))
+    np.testing.assert_allclose(again.pose.turns_about, -found.tool.lever, rtol=1e-6)
+    rest = ft.filter_log(replace(again, pose=replace(again.pose, turns_about=np.zeros(3))), log)
+    left = [np.nanvar(result.innovation[:, 2]) - 0.1**2 for result in (ft.filter_log(again, log), rest)]
+    assert left[0] < 0.3 * left[1]

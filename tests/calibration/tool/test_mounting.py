@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.calibration.identify import likely_rotation
+from ftbias_jax.calibration.tool.mounting import likely_rotation
 from ftbias_jax.calibration.tool.static import weight_columns
 from ftbias_jax.check.mounts import ROTATIONS
 

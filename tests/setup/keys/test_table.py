@@ -31,6 +31,7 @@ CONTEXT = {
     "sensor.correlated_time": {"sensor": {"noise_std": 0.1, "correlated_std": 0.2}},
     "data_noise.entries": {"data_noise": {}},
     "sensor_pose.acceleration_std": {"robot": {}, "sensor_pose": {"linear": "none"}},
+    "sensor_pose.turns_about": {"robot": {}, "sensor_pose": {"linear": "none"}},
     "sensor_pose.base": {"robot": {}, "sensor_pose": {"frame": "tool0"}},
 }
 FILES = {"log": {"files": {"position": "*_joints.csv", "wrench": "*_wrench.csv"}}}
