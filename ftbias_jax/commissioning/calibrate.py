@@ -32,8 +32,8 @@ from ftbias_jax.setup.types import COMPENSATED, Setup, ToolSetup
 CAUSES, TERMS, TOOL, CHANNELS, NOISE = "causes", "terms", "tool", "gains and crosstalk", "noise"
 FIRST = "tool, first"
 """Kinds of steps."""
-QUIETER = 3.0
-"""Factor by which the unseen accelerations of a pose log are tried smaller, or larger."""
+QUIETER, LOUDEST = 3.0, 3.0
+"""Factor by which the unseen accelerations of a pose log are tried smaller, or larger; m/s^2 that no arm has for long."""
 ROUNDS = 2
 """Of diagnosis and identification; in recorded and simulated logs nothing changed after the second."""
 
@@ -204,10 +204,10 @@ def _with_noise(state: _State, road: _Road) -> _State:
     if state.setup.pose is None or state.setup.pose.linear != "none":
         return state
     road.progress("trying the noise of unseen accelerations")
+    tried = state
     for factor in (1 / QUIETER, QUIETER):
         best, pose = state, state.setup.pose
-        while True:
-            std = float(f"{factor * pose.acceleration_std:.2g}")
+        while (std := float(f"{factor * pose.acceleration_std:.2g}")) < LOUDEST:
             step = Step(NOISE, f"unseen accelerations of {std:g} m/s^2", True, "", ("noise",))
             pose = replace(pose, acceleration_std=std)
             tried = _tried(state, road, step, replace(state.setup, pose=pose))

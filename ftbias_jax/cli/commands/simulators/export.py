@@ -2,6 +2,7 @@
 
 import argparse
 import os
+from collections.abc import Callable
 from functools import partial
 
 from ftbias_jax.cli.given import write_answers
@@ -105,7 +106,9 @@ def _mend(arguments: argparse.Namespace) -> int:
     for one in made.not_expressed:
         print(f"not expressed: {one['effect']}: {one['why']}")
     texts = {**made.files, beside["sensor_model.toml"]: sensor_file_text(setup, "export")}
-    answers = {path: partial(write_text, text=text) for path, text in texts.items()}
+    answers: dict[str | None, Callable[[str], object]] = {
+        path: partial(write_text, text=text) for path, text in texts.items()
+    }
     write_answers({**answers, beside["not_expressed.json"]: partial(write_json, content=made.not_expressed)})
     return 0
 
