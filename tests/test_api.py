@@ -208,15 +208,6 @@ def test_what_cannot_be_diagnosed_is_said(setup, made):
         ft.diagnose(setup, [made.log], without=["tool_mas"])
 
 
-def test_a_setup_that_cannot_be_written_is_said(setup, tmp_path):
-    with pytest.raises(ft.OutputError, match="cannot be written: No such file"):
-        setup.save(tmp_path / "missing" / "setup.toml")
-    (tmp_path / "folder").mkdir()
-    with pytest.raises(ft.OutputError, match="cannot be written"):
-        setup.save(tmp_path / "folder")
-    assert [path.name for path in tmp_path.iterdir()] == ["folder"]
-
-
 def test_verbs_keep_their_programs_unless_the_user_says_otherwise(monkeypatch):
     calls = []
     monkeypatch.setattr(jax_config, "keep_programs", lambda: calls.append("kept"))

@@ -133,15 +133,6 @@ def test_a_gap_of_an_hour(filtered, simulated):
     assert np.abs(late).max() < 5
 
 
-def test_stamps_since_1970_give_the_same_bias(filtered, simulated):
-    def fault(log):
-        log["t"] = 1_700_000_000 * 10**9 + np.rint(log["t"] * 1e9).astype(np.int64)
-
-    (late, _), (result, _) = filtered(fault), filtered(nothing)
-    np.testing.assert_allclose(late["bias"], result["bias"], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(late["t"] - 1_700_000_000, result["t"], atol=1e-6)
-
-
 def test_a_saturated_axis_is_left_out_and_does_not_pull_the_bias(filtered, simulated):
     limit = np.quantile(simulated.log["wrench"][:, 0], 0.8)
 

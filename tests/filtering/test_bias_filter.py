@@ -102,18 +102,6 @@ def test_the_gate_is_its_formulas_in_a_loop(params, seed):
     assert (np.asarray(innovations.log_likelihood)[closed] == 0).all()
 
 
-def test_gradients_through_the_gate_are_finite(params):
-    dt, wrench_tool, wrench, R = random_log(6)
-    wrench[::5] += 10
-
-    def score(noise, wrench_tool):
-        return run(noise, dt, wrench_tool, wrench, R, 3.0)[1].log_likelihood.sum()
-
-    gradients = jax.grad(score, (0, 1))(params.bias._replace(data_variance=None), jnp.asarray(wrench_tool))
-    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))
-    assert np.abs(gradients[0].density).max() > 0
-
-
 @partial(jax.jit, static_argnames="count")
 def covariances_at_1_khz(noise, count):
     """The last state, and whether its covariance was symmetric positive definite at every one of the samples."""

@@ -81,17 +81,6 @@ def test_erratum_13_the_likelihood_is_that_of_the_whole_log(linear_gaussian, noi
             np.testing.assert_allclose(total[k - 1, joint], part.log_density(y[:k]), rtol=1e-9, atol=1e-9)
 
 
-def test_joints_are_filtered_independently(noise):
-    """Permuting the joints, with their noise, permutes the result."""
-    order = np.array([2, 0, 1])
-    dt, q, dq = measured("samples here and there")
-    permuted = noise._replace(**{name: getattr(noise, name)[order] for name in noise._fields[:3]})
-    states, innovation = run(noise, dt, q, dq, "integrated_jerk")
-    others, other_innovation = run(permuted, dt, q[:, order], dq[:, order], "integrated_jerk")
-    np.testing.assert_allclose(others.mean, states.mean[:, order], rtol=1e-13, atol=1e-15)
-    np.testing.assert_allclose(other_innovation.nis, innovation.nis[:, order], rtol=1e-12)
-
-
 def test_erratum_15_a_log_may_start_in_motion():
     """At 1 rad/s from the first sample on, positions only: the velocity is believed when it is known, not before."""
     t = np.arange(1000) * 1e-3

@@ -86,11 +86,6 @@ def test_stamps_of_any_unit(npz, native, unit, values):
     assert log.start == pytest.approx(native.start, abs=1e-5)
 
 
-def test_two_clocks_have_the_unit_too(npz, native):
-    t, q, dq, wrench = arm()
-    assert_same(read(npz, arm_setup(time_unit="us"), t_joints=t, t_wrench=t, q=q, dq=dq, wrench=wrench), native)
-
-
 def test_whole_microseconds_lose_nothing():
     t = START + STEP * np.arange(SAMPLES)
     exact = stamps_of(t.astype(float), LogSetup(time_unit="us"))
@@ -119,13 +114,6 @@ def test_joints_that_slide_stay_in_metres(npz):
     q = np.random.default_rng(0).normal(size=(50, 2))
     log = read(npz, setup, t=t, q=q, wrench=np.random.default_rng(1).normal(size=(50, 6)))
     np.testing.assert_allclose(log.q, q * [1, np.pi / 180])
-
-
-def test_a_wrench_in_the_base_frames_axes(npz, native):
-    t, q, dq, wrench = arm()
-    turned = made.rotations(built_in_robot("ur5e"), q)
-    base = np.concatenate([np.einsum("tij,tj->ti", turned, part) for part in (wrench[:, :3], wrench[:, 3:])], 1)
-    assert_same(read(npz, arm_setup(wrench_axes="base"), t=t * 1000, q=q, dq=dq, wrench=base), native)
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.clock import (
-    JUMP,
     PAUSE,
     continue_after_jumps,
     jumps,
@@ -39,12 +38,6 @@ def test_streams_that_disagree_about_jumps_are_refused():
     with pytest.raises(LogError, match="jumps back 1 and 0 times") as caught:
         continue_after_jumps([np.r_[steady(), steady()], steady()], "log.bag")
     assert str(caught.value).startswith("log.bag: t_joints, t_wrench: ")
-
-
-def test_late_samples_are_no_jump():
-    t = steady()
-    t[10] = t[9] - JUMP + 1
-    assert not len(jumps(t))
 
 
 @given(st.lists(st.tuples(st.integers(0, 8), st.floats(-9, 9) | st.just(np.nan)), min_size=1, max_size=30))

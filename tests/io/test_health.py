@@ -17,10 +17,6 @@ def saturation(values):
     return seen_of(values).limits
 
 
-def stuck_seconds(values):
-    return max((still.last - still.first for still in seen_of(values).stuck), default=0)
-
-
 def test_rate_and_gaps():
     t = np.r_[T[:300], T[300:] + 5.0]
     assert sample_rate(t) == pytest.approx(100)
@@ -29,15 +25,6 @@ def test_rate_and_gaps():
     assert length == pytest.approx(5.01)
     assert gaps(T) == gaps(T[:1]) == gaps(T[:0]) == []
     assert np.isnan(sample_rate(T[:1]))
-
-
-def test_a_stuck_axis_is_timed():
-    values = NOISE.copy()
-    values[400:700] = values[400]
-    values[500] = np.nan  # a missing sample does not set it free
-    assert stuck_seconds(values) == pytest.approx(2.99)
-    assert stuck_seconds(np.zeros(1000)) == pytest.approx(9.99)
-    assert stuck_seconds(NOISE[:0]) == stuck_seconds(NOISE) == 0
 
 
 def test_a_clipped_axis_is_found_with_its_limits():
@@ -83,4 +70,4 @@ def test_cutting_an_axis_into_parts_changes_nothing(values, runs, cuts):
 def test_coarse_axes_are_not_taken_for_stuck():
     coarse = np.round(np.r_[0.2 * NOISE[:500], 3 + NOISE[:500]])
     assert extend(Axis(), T, coarse).long
-    assert stuck_seconds(coarse) == 0
+    assert extend(Axis(), T, coarse).stuck == ()

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from stated import pose_setup
 
-from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
 
@@ -44,11 +43,3 @@ def test_a_pose_stands_in_for_the_joints(tmp_path):
     np.savez(tmp_path / "log.npz", t=given["t"], orientation=turns, wrench=given["wrench"])
     log = Log.from_arrays(setup, given["t"], None, given["wrench"], orientation=turns)
     assert_same(log, read_log(tmp_path / "log.npz", setup))
-
-
-def test_what_is_wrong_is_named(setup):
-    given = arrays()
-    with pytest.raises(LogError, match="q: no motion data: there is no array q"):
-        Log.from_arrays(setup, given["t"], None, given["wrench"])
-    with pytest.raises(LogError, match=r"q: has shape \(\d+, 1\), expected"):
-        Log.from_arrays(setup, given["t"], given["q"][:, :1], given["wrench"])

@@ -15,23 +15,10 @@ from ftbias_jax.setup.recorded import LogSetup
 
 def merge(joint_t, q, wrench_t, wrench, **more):
     """Joints and a wrench with their own stamps."""
-    rates = {"dq": more["dq"]} if "dq" in more else {}
-    warm = {"temperature": more["temperature"]} if "temperature" in more else {}
-    streams = [(as_stamps(joint_t), {"q": q, **rates}), (as_stamps(wrench_t), {"wrench": wrench, **warm})]
+    streams = [(as_stamps(joint_t), {"q": q}), (as_stamps(wrench_t), {"wrench": wrench, **more})]
     parts = on_one_clock(streams, LogSetup(), "log.npz")
     check_overlap(parts[0][0], parts[1][0], "log.npz")
     return SimpleNamespace(**merge_parts(parts, "log.npz"))
-
-
-def test_equal_stamps_share_a_row_and_the_rest_is_missing():
-    log = merge(
-        [0.0, 0.1, 0.2], [[1.0], [2], [3]], [0.1, 0.15], np.ones((2, 6)), dq=[[4.0], [5], [6]], temperature=[20, 21]
-    )
-    np.testing.assert_array_equal(log.t, [0, 0.1, 0.15, 0.2])
-    np.testing.assert_array_equal(log.q[:, 0], [1, 2, np.nan, 3])
-    np.testing.assert_array_equal(log.dq[:, 0], [4, 5, np.nan, 6])
-    np.testing.assert_array_equal(log.wrench, np.outer([np.nan, 1, 1, np.nan], np.ones(6)))
-    np.testing.assert_array_equal(log.temperature, [np.nan, 20, 21, np.nan])
 
 
 def test_stamps_one_bit_apart_are_two_rows():

@@ -53,13 +53,6 @@ def test_secrets_of_a_url_are_not_shown(url, told):
     assert fetch.shown(url) == told
 
 
-def test_a_log_by_url_is_that_of_the_file(store):
-    setup = load_setup("setup.toml")
-    there, here = read_log("memory://runs/b.npz", setup), read_log("logs/b.npz", setup)
-    np.testing.assert_array_equal(there.wrench, here.wrench)
-    assert there.file == "memory://runs/b.npz"
-
-
 def test_filter_names_the_url_and_its_sum(store):
     assert main(["filter", "memory://runs/b.npz", "--setup", "setup.toml", "-o", "out.npz"]) == 0
     (log,) = json.loads(str(load_npz("out.npz")["provenance"]))["logs"]

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from ftbias_jax.filtering import pipeline
-from ftbias_jax.types import Sample
 
 
 def both_ways(params, samples):
@@ -72,13 +71,3 @@ def test_gradients_take_the_reverse_pass_written_by_hand_and_forward_mode_the_sc
     with pytest.raises(TypeError, match="custom_vjp"):
         along(pipeline.run)
     assert along(pipeline.scan_steps).out_info.shape == ()
-
-
-def test_padding_adds_no_innovation(params, samples):
-    """Samples of dt = 0 without measurements leave the state, and count nothing."""
-    padded = Sample(*(None if x is None else x.at[36:].set(0.0 if x.ndim == 1 else jnp.nan) for x in samples))
-    last, (states, infos) = pipeline.run(params, pipeline.init(params, samples), padded, emit=pipeline.keep_all)
-    np.testing.assert_allclose(last.bias.mean, states.bias.mean[35], rtol=1e-12)
-    assert not infos.log_likelihood[36:].any()
-    assert np.isnan(infos.wrench.value[36:]).all()
-    assert not infos.wrench.count[36:].any()

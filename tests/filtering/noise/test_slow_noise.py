@@ -7,7 +7,7 @@ import pytest
 from made_series import STD, gauss_markov, stamps
 
 from ftbias_jax.filtering.noise import slow_noise
-from ftbias_jax.filtering.noise.block_filter import Grid, Means, averaged, filter_blocks, filter_series
+from ftbias_jax.filtering.noise.block_filter import Grid, Means, filter_blocks, filter_series
 from ftbias_jax.filtering.noise.slow_noise import coarser, fit_slow_noise, nats_of
 
 PRIOR = np.concatenate([20 * STD, 0.05 * STD])
@@ -115,15 +115,6 @@ def test_joined_blocks_do_not_make_slow_errors_look_slower(seconds):
     found = fit(*means_of(5, t, y), std=STD / 2 / np.sqrt(5))
     assert np.median(found.time) == pytest.approx(0.3, rel=0.2)
     assert np.median(found.std / STD) == pytest.approx(1, rel=0.15)
-
-
-def test_moments_of_a_block_are_those_of_many_small_steps():
-    for x in (0.01, 0.3, 1.0, 5.0):
-        block, (into, inside) = averaged(np.array(x)), over_a_block(x, 1.0)
-        np.testing.assert_allclose([block.kept, block.mean], into[:, 0], rtol=1e-4)
-        np.testing.assert_allclose([block.cross, block.scatter], inside[1], rtol=1e-3)
-    point = averaged(np.array(0.0))
-    np.testing.assert_allclose(point, [1, 1, 0, 0], atol=2e-5)
 
 
 @pytest.mark.slow

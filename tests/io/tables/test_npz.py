@@ -10,7 +10,6 @@ from one_line import fails
 from ftbias_jax.io import read_log
 from ftbias_jax.io.limits import budget
 from ftbias_jax.io.tables.array_files import load_arrays
-from ftbias_jax.setup import load_setup
 
 T = 5
 
@@ -31,14 +30,6 @@ def member(shape, data=b""):
     stream = io.BytesIO()
     np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": shape})
     return stream.getvalue() + data
-
-
-@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
-def test_native_log_reads_back(tmp_path, setup, save):
-    save(tmp_path / "log.npz", **arrays(), segment=np.zeros(T, np.int16), note=np.array("free arrays are ignored"))
-    log = read_log(tmp_path / "log.npz", setup)
-    for name, values in arrays().items():
-        np.testing.assert_array_equal(getattr(log, name), values)
 
 
 @pytest.mark.parametrize(
@@ -129,11 +120,3 @@ def test_object_arrays_are_refused_only_where_they_are_read(tmp_path):
 def test_constant_arrays_of_ordinary_logs_pass(tmp_path):
     np.savez_compressed(tmp_path / "log.npz", dq=np.full((1 << 17, 7), np.nan))
     assert np.isnan(load_arrays(tmp_path / "log.npz")["dq"]).all()
-
-
-def test_recorded_logs(shared_data):
-    setup = load_setup(shared_data / "real" / "abb_frida.toml")
-    log = read_log(shared_data / "real" / "abb_frida.npz", setup)
-    assert log.q.shape == (13802, 7)
-    recorded = load_arrays(shared_data / "real" / "abb_frida.npz", ["wrench"])["wrench"]
-    np.testing.assert_array_equal(log.wrench, -recorded.astype(np.float64))

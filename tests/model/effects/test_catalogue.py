@@ -5,16 +5,6 @@ import pytest
 from ftbias_jax.errors import SetupError, UsageError
 from ftbias_jax.model.effects.catalogue import CATALOGUE, check_values, complete, values_from_setup
 
-NAMES = """
-tool_mass tool_com tool_inertia gravity_tilt mount_rotation encoder_offset gain crosstalk time_delay low_pass saturation
-quantisation hysteresis noise_level outliers warmup bias_jump temperature_drift cable contact tool_flexibility
-stamp_jitter dropped_samples vibration clock_drift
-"""
-
-
-def test_every_effect_that_a_diagnosis_must_name_is_there():
-    assert sorted(CATALOGUE) == sorted(NAMES.split())
-
 
 def test_misspelt_names_are_answered_with_the_nearest():
     with pytest.raises(SetupError, match=r"effects\.tool_mas: unknown effect .*did you mean 'tool_mass'"):

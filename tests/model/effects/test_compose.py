@@ -55,16 +55,6 @@ def test_effects_act_in_physical_order_whatever_order_they_are_named_in(signals,
     np.testing.assert_allclose(only("gain", "mount_rotation"), turned * values["gain"]["gain"][None])
 
 
-def test_predict_maps_over_values(signals):
-    mass = jnp.array([0.7, 0.8, 0.9])
-    delay = jnp.array([0.0, 0.1, 0.2])
-    batch = {"tool_mass": {"mass": mass}, "time_delay": {"delay": delay}}
-    many = jax.jit(jax.vmap(compose.predict, (None, 0)))(signals, batch)
-    for i in range(3):
-        one = predict(signals, {"tool_mass": {"mass": mass[i]}, "time_delay": {"delay": delay[i]}})
-        np.testing.assert_allclose(many[i], one, atol=1e-12)
-
-
 def test_single_precision_goes_through(signals):
     single = jax.tree.map(lambda x: x.astype(jnp.float32), signals)
     names = [name for name in PREDICTING if name != "contact"]

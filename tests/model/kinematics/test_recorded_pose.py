@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ftbias_jax.io.pose import quaternions_of
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody, body_motion, motions_of, path_of
 from ftbias_jax.model.kinematics.screws import Motion, rotation_from_vector, sensor_motion, sensor_pose
 
@@ -79,16 +78,6 @@ def test_gradients_are_finite_at_rest():
     body = FreeBody(jnp.zeros(3), jnp.eye(3))
     gradients = jax.grad(lambda *rates: sum(x.sum() for x in body_motion(body, *rates)), (0, 1, 2))(q, zero, zero)
     assert all(np.isfinite(x).all() for x in gradients)
-
-
-def test_a_quaternion_means_its_matrix():
-    rng = np.random.default_rng(3)
-    matrices, _ = np.linalg.qr(rng.normal(size=(200, 3, 3)))
-    matrices *= np.linalg.det(matrices)[:, None, None]
-    matrices[0] = np.diag([1, -1, -1])  # half a turn
-    for matrix, quaternion in zip(matrices, quaternions_of(matrices), strict=True):
-        motion = body_motion(FreeBody(jnp.zeros(3), jnp.eye(3)), jnp.asarray(quaternion), jnp.zeros(4), jnp.zeros(4))
-        np.testing.assert_allclose(motion.R_base_sensor, matrix, atol=1e-14)
 
 
 def test_the_velocity_of_a_recorded_pose_is_the_derivative_of_its_position():
