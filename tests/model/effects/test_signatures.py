@@ -147,16 +147,6 @@ def test_noise_has_another_size_and_vibration_adds_a_variance_of_squared_speeds(
     np.testing.assert_array_equal(for_all, one_by_one)
 
 
-def test_vibration_grows_with_the_speed_alone_from_a_speed_on(signals, wrench):
-    rows, speed = jnp.outer(jnp.array([0.5, 1.0, 2.0]), jnp.arange(1.0, 7)), 0.2
-    noise, always = recorded(signals, wrench, vibration={"variance": rows})
-    _, got = recorded(signals, wrench, vibration={"variance": rows, "speed": speed})
-    dq = np.asarray(signals.dq)
-    less = ((dq**2 / np.sqrt(1 + (dq / speed) ** 2)) @ rows) / (dq**2 @ rows)
-    assert less.min() < 0.5
-    np.testing.assert_allclose((got - wrench - noise) ** 2, less * (always - wrench - noise) ** 2, rtol=1e-9)
-
-
 def test_saturated_readings_have_flat_tops_and_are_left_out(signals, wrench):
     values = {"saturation": {"limits": np.array([4.0, 4, 4, 0.2, 0.2, 0.2])}}
     _, got = recorded(signals, wrench, **values)
