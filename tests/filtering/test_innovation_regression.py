@@ -2,7 +2,6 @@
 
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from ftbias_jax.filtering import innovation_regression, likelihood
 from ftbias_jax.filtering.likelihood import WrenchProblem
@@ -55,13 +54,6 @@ def noisy(scale, seed, hold=1):
     return np.asarray(curved(np.array([0.7, -0.4]))) + scale * STD * noise
 
 
-@pytest.mark.parametrize("scale", [1.0, 2.0])
-def test_excess_is_how_much_larger_the_noise_is_than_stated(scale):
-    problem = problem_of(noisy(scale, 1))
-    linear = innovation_regression.linearise(problem, curved)(np.array([0.7, -0.4]))
-    np.testing.assert_allclose(innovation_regression.excess(linear, problem), scale**2, rtol=0.05)
-
-
 def estimates_and_errors(scale, hold):
     """Of one Newton step from the truth, for 30 logs, with the standard errors that are stated, (30, 2) each."""
     at, found = np.array([0.7, -0.4]), []
@@ -100,10 +92,3 @@ def test_standard_errors_grow_with_errors_that_hang_together():
     spread = np.sqrt((step**2).mean(0))
     assert (spread > 1.5 * np.median(list(naive)[1], 0)).all()
     np.testing.assert_allclose(np.median(stderr, 0), spread, rtol=0.4)
-
-
-def test_covariance_never_gets_narrower_than_the_information_allows():
-    problem = problem_of(noisy(0.1, 3))
-    linear = innovation_regression.linearise(problem, curved)(np.array([0.7, -0.4]))
-    got = innovation_regression.covariance(linear, problem.dt, linear.information)
-    np.testing.assert_allclose(got, np.linalg.inv(linear.information), rtol=1e-9)

@@ -103,19 +103,6 @@ def test_an_imu_instead_of_a_position(truth, by_joints, tmp_path):
     assert_as_good(result, truth, by_joints, 4)
 
 
-def test_a_contact_is_left_out_as_with_joints(truth, tmp_path):
-    setup = pose_setup(orientation="quaternion_wxyz", orientation_noise_std=1e-4, position_noise_std=1e-4)
-    t = truth["log"]["t"]
-    pushed = {**truth, "log": {**truth["log"], "wrench": truth["log"]["wrench"].copy()}}
-    pushed["log"]["wrench"][(t > 12) & (t < 13.5), 1] += 15.0
-    arrays = {"orientation": truth["quaternion_wxyz"], "position": truth["position"]}
-    _, result = filter_pose(tmp_path, setup, pushed, **arrays)
-    assert not result["used"][(result["t"] > 12) & (result["t"] < 13.5)].any()
-    assert result["used"].mean() > 0.9
-    error = np.abs(result["bias"] - truth["bias"]) / result["bias_std"]
-    assert error[result["t"] > 1].max() < 5
-
-
 def test_orientation_alone(truth, tmp_path):
     """Accelerations that nobody recorded move the bias by no more than the force that they make."""
     setup = pose_setup(orientation="quaternion_wxyz", linear="none", acceleration_std=1.0)

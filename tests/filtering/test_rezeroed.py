@@ -90,14 +90,6 @@ def test_the_smoother_knows_no_jump_beforehand(zeroed, filtered):
         assert np.abs(filtered.bias_smooth[row] - filtered.bias_smooth[row - 1]).max() > 30 * beside
 
 
-def test_without_the_key_the_filter_is_off_for_a_while(zeroed, filtered):
-    setup, log, bias = zeroed
-    unaware = ft.filter_log(setup, log._replace(rezeroed_at=()), unchecked=True)
-    first = slice(JUMPS[0], JUMPS[0] + 50)
-    off, known = (np.abs(result.bias - bias)[first, :3].mean() for result in (unaware, filtered))
-    assert off > 10 * known
-
-
 def test_before_a_jump_nothing_is_changed_by_it(zeroed):
     """The filter as it runs on a robot, without a look at the whole log."""
     setup, log, _ = zeroed

@@ -22,15 +22,6 @@ def test_a_new_file_has_the_content_and_the_mode_of_any_new_file(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["new", "plain"]
 
 
-@pytest.mark.parametrize("leads_to", ["old", "nowhere"])
-def test_nothing_is_written_through_a_link(tmp_path, leads_to):
-    (tmp_path / "old").write_bytes(b"old")
-    (tmp_path / "link").symlink_to(leads_to)
-    fails(lambda: write_atomic(tmp_path / "link", lambda file: file.write(b"new")), tmp_path / "link", "symbolic link")
-    assert (tmp_path / "old").read_bytes() == b"old"
-    assert sorted(os.listdir(tmp_path)) == ["link", "old"]
-
-
 def test_no_folder_inside_a_folder_of_results_is_a_link(tmp_path):
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "results").mkdir()
@@ -43,34 +34,6 @@ def test_no_folder_inside_a_folder_of_results_is_a_link(tmp_path):
     make_folder_inside(str(tmp_path / "named"), str(tmp_path / "named" / "run2"))
     assert (tmp_path / "results" / "run2").is_dir()
     assert not os.listdir(tmp_path / "elsewhere")
-
-
-@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), ValueError("bug"), KeyboardInterrupt()])
-def test_on_failure_the_old_file_stands_and_nothing_else(tmp_path, error):
-    path = tmp_path / "result"
-    path.write_bytes(b"old")
-
-    def write(file):
-        file.write(b"half")
-        raise error
-
-    if isinstance(error, OSError):
-        fails(lambda: write_atomic(path, write), path, "cannot be written: No space left", "has room")
-    else:
-        with pytest.raises(type(error)):
-            write_atomic(path, write)
-    assert path.read_bytes() == b"old"
-    assert os.listdir(tmp_path) == ["result"]
-
-
-def test_a_failing_rename_leaves_nothing(tmp_path, monkeypatch):
-    def replace(*_):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(os, "replace", replace)
-    path = tmp_path / "result"
-    fails(lambda: write_atomic(path, lambda file: None), path, "cannot be written: Permission denied", "may be written")
-    assert os.listdir(tmp_path) == []
 
 
 def test_the_content_is_on_disk_before_the_name_is(tmp_path, monkeypatch):

@@ -10,7 +10,7 @@ from ftbias_jax.errors import SetupError
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.terms.columns import state_of
 from ftbias_jax.model.effects.types import Model, Signals
-from ftbias_jax.model.kinematics.recorded_pose import body_motion, body_motions
+from ftbias_jax.model.kinematics.recorded_pose import body_motion
 from ftbias_jax.model.own_effects import check_shown, not_shown
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
@@ -48,19 +48,6 @@ def moving(count=30):
     q, dq, ddq = (jnp.asarray(x) for x in np.random.default_rng(0).normal(size=(3, count, 7)))
     t = jnp.arange(count, dtype=float)
     return Signals(t, q, dq, ddq, jnp.zeros(count), Model(params.arm, params.gravity, params.theta))
-
-
-def test_many_poses_move_as_each_of_them_does():
-    signals = moving()
-    states = (signals.q, signals.dq, signals.ddq)
-    together = body_motions(signals.model.arm, *(x.T for x in states))
-    each = jax.vmap(lambda *state: body_motion(signals.model.arm, *state))(*states)
-    np.testing.assert_allclose(jnp.moveaxis(together.sensor_rotation, 2, 0), each.R_base_sensor, atol=1e-12)
-    np.testing.assert_allclose(together.sensor_position.T, each.p_base_sensor, atol=1e-12)
-    np.testing.assert_allclose(together.acceleration.T, each.linear_acceleration, atol=1e-11)
-    np.testing.assert_allclose(together.angular_acceleration.T, each.angular_acceleration, atol=1e-11)
-    np.testing.assert_allclose(together.link_position[:, 1].T, signals.q[:, 4:], atol=1e-12)
-    np.testing.assert_array_equal(together.link_position[:, 0], 0)
 
 
 def test_terms_see_the_sensor_move_and_no_joints():

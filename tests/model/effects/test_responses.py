@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from ftbias_jax.model.effects.responses import delayed, lagged, low_passed, played, recurrence, rung, swing
+from ftbias_jax.model.effects.responses import delayed, lagged, low_passed, recurrence, rung, swing
 
 T = np.sort(np.random.default_rng(1).uniform(0, 2, 300))
 SIGNAL = np.stack([np.sin(5 * T), np.cos(3 * T) - T], 1)
@@ -77,13 +77,6 @@ def test_repeated_stamps_at_the_end_do_no_harm():
     ):
         np.testing.assert_allclose(respond(t, signal)[: len(T)], respond(T, SIGNAL), atol=1e-12)
         assert jnp.isfinite(respond(t, signal)).all()
-
-
-def test_play_leaves_a_loop_of_its_width():
-    x = np.concatenate([np.linspace(0, 1, 50), np.linspace(1, -1, 100), np.linspace(-1, 1, 100)])[:, None]
-    y = np.asarray(played(x, jnp.array([0.2])))
-    rising, falling = np.interp(0.0, x[150:, 0], y[150:, 0]), np.interp(0.0, x[149:50:-1, 0], y[149:50:-1, 0])
-    assert falling - rising == pytest.approx(0.2)
 
 
 def test_delay_reads_the_past_and_holds_the_first_value():

@@ -55,16 +55,6 @@ def test_the_velocity_of_a_point_is_the_slope_of_its_place(state):
     np.testing.assert_allclose(moved.acceleration[2:-2], np.gradient(moved.velocity, state.t, axis=0)[2:-2], atol=3e-3)
 
 
-def test_drag_is_a_force_against_the_velocity_at_its_point(state):
-    found = change(np, {"1": a_term("velocity", "linear", coefficients=[6.0])}, state)
-    for k in (0, 100, 700):
-        R = state.rotation[k]
-        moved = state.velocity[k] + np.cross(state.angular_velocity[k], R @ POINT)
-        force = R.T @ (-6.0 * moved)
-        # A force on the tool lowers the reading.
-        np.testing.assert_allclose(found[k], -np.concatenate([force, np.cross(POINT, force)]), rtol=1e-10)
-
-
 def test_a_torque_about_a_joint_is_along_its_axis(state):
     found = change(np, {"1": a_term("joint_velocity", "viscous", "joint", "torque", 7, [0.5])}, state)
     expected = -np.einsum("tji,tj->ti", state.rotation, state.axes[:, 6]) * (-0.5 * state.dq[:, 6:7])
