@@ -27,8 +27,8 @@ MOUNTING_STD, GRAVITY_STD = 0.3, 0.1
 LEVER_STD = 0.5
 """m, prior of the distance at which a sensor turns whose position is not recorded: that of the joints of an arm. What
 accelerates it there goes with its orientation, and would be taken for weight."""
-SURE = 2.0
-"""Standard errors."""
+OF_LEVER = slice(16, 19)
+"""Coordinates of a fit: behind the tool and two rotations."""
 KEPT = "not determined by this motion, kept"
 PULLED = "not determined by this motion, as near to the setup as the others let it"
 NO_BETTER = "predicts unseen blocks no better than the setup's, kept"
@@ -69,13 +69,10 @@ class Identified(NamedTuple):
     lever: np.ndarray = np.zeros(0)
     """(3,) m, mount's axes, by which the sensor is further from where it turns than stated; (0,): its path is known."""
     lever_stderr: np.ndarray = np.zeros(0)
+    swings: bool = False
+    """Whether blocks that are left out are predicted better with the lever."""
     left: np.ndarray = np.zeros((0, 6))
     """(T, 6) N, Nm: the reading less what the tool found explains of it, NaN = not measured; none of static poses."""
-
-    @property
-    def swings(self) -> bool:
-        """Whether the log shows that its sensor turns at a distance that the setup does not state."""
-        return bool((np.abs(self.lever) > SURE * self.lever_stderr).any())
 
 
 def identify(
@@ -116,12 +113,15 @@ def identify(
         if converged:
             break
     stated = np.asarray(physical.data_sheet(params.theta))
-    found = shown.judge(shown.in_blocks(linear, dt), x, prior, stated[4:])
+    parts = shown.in_blocks(linear, dt)
+    found = shown.judge(parts, x, prior, stated[4:])
+    swings = len(x) > OF_LEVER.start and shown.predict(parts, found, OF_LEVER)
     linear = model(np.asarray(physical.physical(jnp.asarray(found.x))))
     return _identified(params, quarter, linear, found, dt, mounting, gravity)._replace(
         excess=float(np.sqrt(innovation_regression.excess(linear, problem))),
         gain=(_cost(first) - _cost(linear)) / found.dispersion,
         converged=converged,
+        swings=swings,
         left=np.asarray(samples.wrench) - np.asarray(_readings(jnp.asarray(linear.at), params, joints.mean, samples)),
     )
 
@@ -188,8 +188,8 @@ def _identified(
         rotation_stderr=rotation_stderr,
         gravity=np.asarray(_moved(params, jnp.asarray(linear.at)).gravity),
         gravity_stderr=gravity_stderr,
-        lever=linear.at[16:],
-        lever_stderr=np.sqrt(np.diag(covariance)[16:]),
+        lever=linear.at[OF_LEVER],
+        lever_stderr=np.sqrt(np.diag(covariance)[OF_LEVER]),
         condition=shown.condition(linear.information, physical.tool_units(linear.at[0])),
         unexcited=unexcited,
         remarks=remarks,
@@ -235,8 +235,8 @@ def _moved(params: Params, z: Array) -> Params:
     """Parameters at (P,): theta, rotation vectors of the sensor and of gravity; and how far the sensor is from where a
     body turns whose position is not recorded."""
     arm = params.arm._replace(zero_rotation=params.arm.zero_rotation @ rotation_from_vector(z[10:13]))
-    if z.shape[0] > 16:
-        arm = arm._replace(zero_position=arm.zero_position + z[16:])
+    if z.shape[0] > OF_LEVER.start:
+        arm = arm._replace(zero_position=arm.zero_position + z[OF_LEVER])
     return params._replace(arm=arm, gravity=rotation_from_vector(z[13:16]) @ params.gravity, theta=z[:10])
 
 

@@ -32,8 +32,10 @@ from ftbias_jax.setup.types import COMPENSATED, Setup, ToolSetup
 CAUSES, TERMS, TOOL, CHANNELS, NOISE = "causes", "terms", "tool", "gains and crosstalk", "noise"
 FIRST = "tool, first"
 """Kinds of steps."""
-QUIETER, LOUDEST = 3.0, 3.0
-"""Factor by which the unseen accelerations of a pose log are tried smaller, or larger; m/s^2 that no arm has for long."""
+QUIETER = 3.0
+"""Factor by which the unseen accelerations of a pose log are tried smaller, or larger."""
+LOUDEST = 3.0
+"""m/s^2: no arm accelerates as much for long."""
 ROUNDS = 2
 """Of diagnosis and identification; in recorded and simulated logs nothing changed after the second."""
 
@@ -144,10 +146,13 @@ def calibrate(
 
 
 def _loosened(found: Setup, stated: Setup) -> Setup:
-    """A setup with the tool that was found, which causes beside it may still move as far as the stated one."""
+    """A setup with the tool that was found, which causes beside it may still move as far as the stated one.
+
+    Where its sensor turns about is not believed yet: what turns and lags seems to turn at a distance, too.
+    """
     loose = stated.tool
     tool = replace(found.tool, mass_std=loose.mass_std, center_of_mass_std=loose.center_of_mass_std)
-    return replace(found, tool=tool)
+    return replace(found, tool=tool, pose=stated.pose)
 
 
 def _with_causes(state: _State, road: _Road) -> _State:

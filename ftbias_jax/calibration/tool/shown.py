@@ -97,6 +97,16 @@ def judge(parts: list[Quadratic], x: np.ndarray, prior: Prior, inertia: np.ndarr
     return Shown(stated, with_stated, dispersion, kept, poor, False, (gain, error))
 
 
+def predict(parts: list[Quadratic], found: Shown, rows: slice) -> bool:
+    """Whether coordinates that are fitted predict blocks of a log that are left out better than at their prior mean."""
+    held, gains = fixed(found.prior, range(*rows.indices(len(found.x)))), []
+    for part in parts:
+        rest = total([other for other in parts if other is not part]).scaled(1 / found.dispersion)
+        without, free = (part(_at(most_likely(rest, found.x, prior))) for prior in (held, found.prior))
+        gains.append((without - free) / found.dispersion)
+    return bool(np.sum(gains) > STANDARD_ERRORS * np.std(gains) * np.sqrt(len(gains)))
+
+
 def overdispersion(parts: list[Quadratic], x: np.ndarray, prior: Prior) -> float:
     """How many times larger the scores of whole blocks scatter than white noise of the stated size would; 1 or more.
 
