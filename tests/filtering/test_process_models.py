@@ -67,13 +67,6 @@ def test_erratum_07_two_steps_equal_one_of_their_total_length(model, entry, firs
     np.testing.assert_allclose(A2 @ Q1 @ A2.T + Q2, Q, rtol=1e-9)
 
 
-@pytest.mark.parametrize("model", [*JOINT_MODELS.values(), drift_noise])
-def test_no_time_changes_nothing(model):
-    A, Q = matrices(model, 0.0, 3.0)
-    np.testing.assert_array_equal(A, np.eye(len(A)))
-    assert not Q.any()
-
-
 def test_erratum_14_models_1_and_2_are_as_printed_and_model_3_is_the_default():
     A1, Q1 = matrices(acceleration_noise, 0.1, 3.0)
     np.testing.assert_allclose(A1, [[1, 0.1, 0], [0, 1, 0.1], [0, 0, 1]])
@@ -163,16 +156,6 @@ def test_extreme_rates_and_gaps_stay_finite(dt, rate, dtype):
     elif rate * dt > 100:
         assert Q[2, 2] == pytest.approx(0.5, rel=1e-6)
         assert abs(A[2, 2]) < 1e-30
-
-
-def test_limits_are_the_plain_filter_and_a_random_walk():
-    A, Q = bias_matrices(reverting_drift, 0.3, strength_of(2.0, 0.0))
-    expected = matrices(drift_noise, 0.3, 2.0)
-    np.testing.assert_allclose(A, expected[0], rtol=1e-15)
-    np.testing.assert_allclose(Q, expected[1], rtol=1e-14)
-    rate = 1e4
-    _, Q = bias_matrices(reverting_drift, 3.0, strength_of(2.0, rate))
-    assert Q[0, 0] == pytest.approx((2.0 / rate) ** 2 * 3.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

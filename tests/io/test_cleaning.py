@@ -30,18 +30,6 @@ def test_a_sensor_in_order_is_left_alone():
     assert clean(log).repairs == (Repair("before"),)
 
 
-def test_stuck_and_clipped_samples_are_left_out_and_told():
-    log, top = spoilt()
-    cleaned = clean(log)
-    expected = log.wrench.copy()
-    expected[300:600, 2], expected[top, 4] = np.nan, np.nan
-    np.testing.assert_array_equal(cleaned.wrench, expected)
-    assert cleaned.repairs == (
-        Repair(f"samples at the end of the sensor's range left out: {top.sum()} of ty", lost=True),
-        Repair("fz stands still from 3.0 s to 6.0 s: 300 samples left out", lost=True),
-    )
-
-
 def test_a_raw_log_may_be_cleaned_later_and_says_everything_once():
     log, top = spoilt()
     raw = clean(log._replace(repairs=(Repair("before", lost=True),)), clipped=False, stuck=False)

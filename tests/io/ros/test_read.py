@@ -126,9 +126,8 @@ def test_a_missing_decompressor_is_named_with_its_extra(tmp_path, setup, monkeyp
 def test_real_arm_with_a_gripper(shared_data, make_setup):
     """Counts and values against the reader of the package rosbags."""
     path = shared_data / "real" / "ur10e_pick.bag"
-    names = [f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
-    joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": name} for name in names]
-    setup = make_setup(robot={"joints": joints, "flange": {"translation": [0, 0, 1]}})
+    setup = make_setup(robot={"model": "ur10e"})
+    names = setup.robot.joint_names
     recording = read_recording(path)
     with rosbag1.Reader(path) as reader:
         counts = {name: topic.msgcount for name, topic in reader.topics.items()}
@@ -138,13 +137,12 @@ def test_real_arm_with_a_gripper(shared_data, make_setup):
         read = [(c.topic, store.deserialize_ros1(data, c.msgtype)) for c, _, data in reader.messages(connections)]
     wrench, *joint_streams = recording.streams
     assert 1e9 / np.median(np.diff(wrench.stamps)) == pytest.approx(500, rel=1e-3)
-    assert [stream.names for stream in joint_streams] == [tuple(sorted(names)[:1] + sorted(names)[1:]), (
-        "left_finger_joint", "right_finger_joint")]  # fmt: skip
+    fingers = ("left_finger_joint", "right_finger_joint")
+    assert [stream.names for stream in joint_streams] == [tuple(sorted(names)), fingers]
     assert [len(stream.stamps) for stream in recording.streams] == [1346, 1320, 133]
 
-    reading = read_log(path, setup)
-    log = reading
-    assert reading.repairs == ()
+    log = read_log(path, setup)
+    assert log.repairs == ()
     theirs = [m.wrench for topic, m in read if topic == "/wrench"]
     theirs = [[w.force.x, w.force.y, w.force.z, w.torque.x, w.torque.y, w.torque.z] for w in theirs]
     np.testing.assert_array_equal(log.wrench[~np.isnan(log.wrench).all(1)], theirs)
