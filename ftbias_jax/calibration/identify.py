@@ -115,7 +115,7 @@ def identify(
     stated = np.asarray(physical.data_sheet(params.theta))
     parts = shown.in_blocks(linear, dt)
     found = shown.judge(parts, x, prior, stated[4:])
-    swings = len(x) > OF_LEVER.start and shown.predict(parts, found, OF_LEVER)
+    swings = len(x) > OF_LEVER.start and shown.predicts_unseen(parts, found, OF_LEVER)
     linear = model(np.asarray(physical.physical(jnp.asarray(found.x))))
     return _identified(params, quarter, linear, found, dt, mounting, gravity)._replace(
         excess=float(np.sqrt(innovation_regression.excess(linear, problem))),

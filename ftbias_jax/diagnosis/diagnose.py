@@ -107,7 +107,7 @@ def explain(
     if not logs or len(names) != len(logs):
         message = f"got {len(logs)} logs and {len(names)} names"
         raise UsageError(message, field="logs", remedy="give one log or more, and a name for each or none")
-    check_names([name for name in without if name != TERM], "without", catalogue_of_setup(setup))
+    check_names({*without} - {TERM}, "without", catalogue_of_setup(setup))
     progress("checking the setup")
     facts = [survey(slices(log)) for log in logs]
     as_filtered = map(clean, logs, facts)  # one at a time, each no longer than it is looked at

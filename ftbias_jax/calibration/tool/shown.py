@@ -97,7 +97,7 @@ def judge(parts: list[Quadratic], x: np.ndarray, prior: Prior, inertia: np.ndarr
     return Shown(stated, with_stated, dispersion, kept, poor, False, (gain, error))
 
 
-def predict(parts: list[Quadratic], found: Shown, rows: slice) -> bool:
+def predicts_unseen(parts: list[Quadratic], found: Shown, rows: slice) -> bool:
     """Whether coordinates that are fitted predict blocks of a log that are left out better than at their prior mean."""
     held, gains = fixed(found.prior, range(*rows.indices(len(found.x)))), []
     for part in parts:

@@ -47,12 +47,12 @@ def calls(make_diagnosis, monkeypatch):
 
 def test_it_prints_and_writes_what_was_asked_for(folder, calls, capsys):
     (folder / "again.npz").write_bytes((folder / "log.npz").read_bytes())
-    command = "diagnose log.npz again.npz --setup setup.toml --without gain --without cable"
+    command = "diagnose log.npz again.npz --setup setup.toml --without gain --without term"
     assert main([*command.split(), "--json", "out.json", "--html", "out.html", "--apply", "-o", "fixed.toml"]) == 0
     ((_, logs, names, without),) = calls
     assert len(logs) == 2
     assert names == ["log.npz", "again.npz"]
-    assert without == ("gain", "cable")
+    assert without == ("gain", "term")
     out = capsys.readouterr().out
     assert out.startswith("explained: The tool weighs 0.81 kg.")
     assert out.endswith("wrote out.json, out.html, fixed.toml\n")
