@@ -1,4 +1,4 @@
-"""Wrenches of many samples at once are those of each, with their slopes, in pieces and under vmap."""
+"""Wrenches of many samples at once, and with them the arm's motion, are those of each, in pieces and under vmap."""
 
 from functools import partial
 
