@@ -118,13 +118,17 @@ def calibrate(
     if has_tool and start.tool is not setup.tool:
         # Crosstalk or a term would otherwise stand for what a wrong tool does.
         state = _with_tool(state, road, (FIRST,))
+    identified = None
     for number in range(ROUNDS):
-        before = state
+        before = state.setup
         state = _with_causes(state, road)
+        if state.setup is identified:  # nothing has changed since the tool was looked for
+            break
         if has_tool:
             state = _with_tool(state, road, (TOOL,) if number else (TOOL, CHANNELS))
+        identified = state.setup
         state = _with_noise(state, road)
-        if state.setup is before.setup:
+        if state.setup is before:
             break
     if state.identified is not None and state.setup.tool.mass == state.identified.mass:  # nothing has moved it
         state = state._replace(setup=replace(state.setup, tool=state.identified))

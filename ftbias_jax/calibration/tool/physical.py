@@ -109,7 +109,12 @@ def _physical_and_slope(x: Array) -> tuple[Array, Array]:
 
 def coordinates(theta: Float[Array, " 10"]) -> np.ndarray:
     """(10,) log-Cholesky coordinates of a tool; a point or a rod is taken for a sphere of size RADIUS."""
-    return np.asarray(log_cholesky_from_parameters(_with_volume(theta)))
+    return np.asarray(_coordinates(theta))
+
+
+@jax.jit
+def _coordinates(theta: Array) -> Array:
+    return log_cholesky_from_parameters(_with_volume(theta))
 
 
 def data_sheet(theta: Float[Array, " 10"]) -> Float[Array, " 10"]:
