@@ -5,7 +5,7 @@ scores of whole blocks say how much less the log knows than its stated noise cla
 whether what was found there also holds elsewhere.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -32,7 +32,7 @@ FEWEST_BLOCKS, MOST_BLOCKS = 8, 16
 LEAST_KNOWN = 0.5
 """A parameter is determined if its standard error is below this share of what a tool of size RADIUS could have."""
 STANDARD_ERRORS = 2.0
-"""By which inertia must predict the blocks that were left out better than the one stated."""
+"""By which what is fitted must predict the blocks that were left out better than what is stated."""
 
 
 class Shown(NamedTuple):
@@ -87,24 +87,37 @@ def judge(parts: list[Quadratic], x: np.ndarray, prior: Prior, inertia: np.ndarr
     free = most_likely(tempered, x, prior)
     stated, with_stated = _keeping(inertia, tempered, free, prior)
     gains = []
-    for part in parts:
-        rest = total([other for other in parts if other is not part]).scaled(1 / dispersion)
+    for part, rest in _left_out(parts, dispersion):
         without = part(_with_inertia(inertia, _keeping(inertia, rest, stated, prior)[0]))
         gains.append((without - part(_at(most_likely(rest, free, prior)))) / dispersion)
-    gain, error = float(np.sum(gains)), float(np.std(gains) * np.sqrt(len(gains)))
-    if gain > STANDARD_ERRORS * error and gain > 0:
-        return Shown(free, prior, dispersion, kept, poor, True, (gain, error))
-    return Shown(stated, with_stated, dispersion, kept, poor, False, (gain, error))
+    gain = _with_error(gains)
+    if _is_sure(*gain):
+        return Shown(free, prior, dispersion, kept, poor, True, gain)
+    return Shown(stated, with_stated, dispersion, kept, poor, False, gain)
 
 
 def predicts_unseen(parts: list[Quadratic], found: Shown, rows: slice) -> bool:
     """Whether coordinates that are fitted predict blocks of a log that are left out better than at their prior mean."""
     held, gains = fixed(found.prior, range(*rows.indices(len(found.x)))), []
-    for part in parts:
-        rest = total([other for other in parts if other is not part]).scaled(1 / found.dispersion)
+    for part, rest in _left_out(parts, found.dispersion):
         without, free = (part(_at(most_likely(rest, found.x, prior))) for prior in (held, found.prior))
         gains.append((without - free) / found.dispersion)
-    return bool(np.sum(gains) > STANDARD_ERRORS * np.std(gains) * np.sqrt(len(gains)))
+    return _is_sure(*_with_error(gains))
+
+
+def _left_out(parts: list[Quadratic], dispersion: float) -> Iterator[tuple[Quadratic, Quadratic]]:
+    """Each block, and the cost of all others as the log's own scatter counts it."""
+    for part in parts:
+        yield part, total([other for other in parts if other is not part]).scaled(1 / dispersion)
+
+
+def _with_error(gains: list[float]) -> tuple[float, float]:
+    """nats gained on all blocks, and the standard error of that."""
+    return float(np.sum(gains)), float(np.std(gains) * np.sqrt(len(gains)))
+
+
+def _is_sure(gain: float, error: float) -> bool:
+    return gain > STANDARD_ERRORS * error and gain > 0
 
 
 def overdispersion(parts: list[Quadratic], x: np.ndarray, prior: Prior) -> float:
