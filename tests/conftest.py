@@ -1,11 +1,16 @@
 import os
+from importlib.metadata import version
 
 # Before NumPy is imported: workers whose threads of BLAS wait for one another take twice as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Most of a test is waiting for XLA. A version that does not know a flag would end the process.
+if version("jax").startswith("0.10."):
+    os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false")
 
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,6 +23,7 @@ from scipy.linalg import block_diag
 
 from ftbias_jax.model.kinematics.screws import Arm, make_arm
 from ftbias_jax.model.params import BiasNoise, JointNoise, Params
+from ftbias_jax.runtime.kept_programs import compiled_for_few_calls
 from ftbias_jax.setup import Setup, parse_setup
 from ftbias_jax.setup.robots import built_in_robot, prismatic_screw, revolute_screw
 from ftbias_jax.setup.rotations import rotation_from_rpy
@@ -44,6 +50,13 @@ def pytest_configure(config):
 def pytest_unconfigure(config):
     if own := getattr(config, "own_programs", None):
         shutil.rmtree(own, ignore_errors=True)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Programs of short tests are compiled in half of the time; those of long ones are called often."""
+    with nullcontext() if "slow" in item.keywords else compiled_for_few_calls():
+        return (yield)
 
 
 MOST_MAPPINGS = 20_000

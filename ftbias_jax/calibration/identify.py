@@ -99,24 +99,29 @@ def identify(
     moves = [MOUNTING_STD if mounting else FIXED, GRAVITY_STD if gravity else FIXED]
     if isinstance(params.arm, FreeBody) and samples.q.shape[1] == len("wxyz"):
         moves.append(LEVER_STD)
+    only_theta = max(moves) <= FIXED
     std = np.concatenate([PRIOR_STD, np.repeat(moves, 3)])
     prior = Prior(np.pad(physical.coordinates(params.theta), (0, len(std) - len(PRIOR_STD))), std)
     dt = np.asarray(samples.dt)
     x = prior.mean
-    linear = first = model(np.asarray(physical.physical(jnp.asarray(x))))
-    cost = _cost(linear)
-    for _ in range(MAX_ITERATIONS):  # one is enough without mounting and gravity: the wrench is linear in theta
-        x = physical.most_likely(physical.total(shown.in_blocks(linear, dt)), x, prior)
-        linear = model(np.asarray(physical.physical(jnp.asarray(x))))
-        before, cost = cost, _cost(linear)
-        converged = abs(before - cost) < 0.01 * shown.overdispersion(shown.in_blocks(linear, dt), x, prior)
+    first = model(np.asarray(physical.physical(jnp.asarray(x))))
+
+    def at(x: np.ndarray) -> Linear:
+        z = np.asarray(physical.physical(jnp.asarray(x)))
+        return first.moved(z) if only_theta else model(z)
+
+    linear, parts, converged = first, shown.in_blocks(first, dt), only_theta  # the wrench is linear in theta
+    for _ in range(0 if only_theta else MAX_ITERATIONS):
+        x, before = physical.most_likely(physical.total(parts), x, prior), _cost(linear)
+        linear = at(x)
+        parts = shown.in_blocks(linear, dt)
+        converged = abs(before - _cost(linear)) < 0.01 * shown.overdispersion(parts, x, prior)
         if converged:
             break
     stated = np.asarray(physical.data_sheet(params.theta))
-    parts = shown.in_blocks(linear, dt)
     found = shown.judge(parts, x, prior, stated[4:])
     swings = len(x) > OF_LEVER.start and shown.predicts_unseen(parts, found, OF_LEVER)
-    linear = model(np.asarray(physical.physical(jnp.asarray(found.x))))
+    linear = at(found.x)
     return _identified(params, quarter, linear, found, dt, mounting, gravity)._replace(
         excess=float(np.sqrt(innovation_regression.excess(linear, problem))),
         gain=(_cost(first) - _cost(linear)) / found.dispersion,

@@ -7,7 +7,6 @@ stays if the setup with it predicts the readings of the end better, 1 s and 10 s
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -19,12 +18,15 @@ from ftbias_jax.commissioning.judged import Judged, baselines, compare, judge
 from ftbias_jax.commissioning.result import CALIBRATED, GIVEN, Calibrated, Step
 from ftbias_jax.diagnosis.apply import with_causes
 from ftbias_jax.diagnosis.diagnose import diagnose
+from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead
 from ftbias_jax.diagnosis.result import Diagnosis
 from ftbias_jax.errors import FtbiasError, UsageError
 from ftbias_jax.filtering.params_for_log import rows_of
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.statements import value_words
+from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.types import COMPENSATED, Setup, ToolSetup
@@ -111,13 +113,14 @@ def calibrate(
     begun = [log._replace(**rows_of(log, 0, max(1, round((1 - hold_out) * len(log.t))))) for log in logs]
     road = _Road(whole, begun, names, hold_out, progress)
     start = with_loose_tool(setup)
-    progress("filtering with the setup as given")
-    given = start if setup.tool.unknown else setup
-    state = first = _State(start, judge(given, whole, hold_out), ())
     has_tool = setup.sensor.compensated == COMPENSATED[0]
-    if has_tool and start.tool is not setup.tool:
-        # Crosstalk or a term would otherwise stand for what a wrong tool does.
-        state = _with_tool(state, road, (FIRST,))
+    with compiled_ahead(start, begun):
+        progress("filtering with the setup as given")
+        given = start if setup.tool.unknown else setup
+        state = first = _State(start, judge(given, whole, hold_out), ())
+        if has_tool and start.tool is not setup.tool:
+            # Crosstalk or a term would otherwise stand for what a wrong tool does.
+            state = _with_tool(state, road, (FIRST,))
     identified = None
     for number in range(ROUNDS):
         before = state.setup
@@ -254,18 +257,21 @@ def _refused(state: _State, kind: str, name: str, why: str) -> _State:
 
 
 def _repeated(state: _State, start: Setup, logs: Sequence[Log], names: Sequence[str]) -> Setup | None:
-    """The steps that were kept with all of the logs; None if these show other causes, or nothing."""
-    setup, kept = start, [step.kind for step in state.steps if step.kept]
+    """The steps that were kept with all of the logs; None if these do not show the same causes."""
+    setup, looked_for, kept = start, set[str](), [step for step in state.steps if step.kept]
     try:
-        for kind, later in pairwise((*kept, "")):
-            if kind in (FIRST, TOOL, CHANNELS):
-                found = identify_tool(setup, _longest(logs), crosstalk=kind == CHANNELS, unchecked=True).setup
-                setup = _loosened(found, setup) if kind == FIRST else found
-            elif kind == NOISE:
+        for step, later in zip(kept, [*(step.kind for step in kept[1:]), ""], strict=True):
+            if step.kind in (FIRST, TOOL, CHANNELS):
+                found = identify_tool(setup, _longest(logs), crosstalk=step.kind == CHANNELS, unchecked=True).setup
+                setup = _loosened(found, setup) if step.kind == FIRST else found
+            elif step.kind == NOISE:
                 setup = replace(setup, pose=state.setup.pose)
-            elif later != TERMS:
-                named = diagnose(setup, logs, names, unchecked=True)
-                setup = with_causes(setup, named.causes, named.terms if kind == TERMS else ())
+            else:
+                looked_for |= {TERM} if step.kind == TERMS else {*step.parts}
+                if later != TERMS:
+                    others = {*catalogue_of_setup(setup), TERM} - looked_for
+                    named = diagnose(setup, logs, names, others, unchecked=True)
+                    setup, looked_for = with_causes(setup, named.causes, named.terms), set()
     except FtbiasError:
         return None
     if state.setup.tool is state.identified:

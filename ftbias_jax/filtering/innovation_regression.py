@@ -48,6 +48,12 @@ class Linear(NamedTuple):
     bias_variance: np.ndarray
     """(6,) N^2, Nm^2, for noise of the stated size."""
 
+    def moved(self, to: np.ndarray) -> "Linear":
+        """At other parameters (P,), of a model that is linear in them."""
+        move = to - self.at
+        residual = self.residual + np.tensordot(move, self.columns, 1)
+        return self._replace(at=to, residual=residual, bias=self.bias + move @ self.bias_slopes)
+
 
 def linearise(problem: WrenchProblem, predict: Predict, *given: Any) -> Callable[[np.ndarray], Linear]:
     """A compiled function that linearises a model at given parameters.

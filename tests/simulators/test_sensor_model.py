@@ -1,5 +1,3 @@
-import time
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -209,23 +207,3 @@ def test_every_effect_of_the_sensor_is_there_in_the_order_of_the_catalogue():
     theirs = [name for name, effect in CATALOGUE.items() if effect.stage in ("sensor", "bias", "timing")]
     assert sorted(EFFECTS) == sorted(set(theirs) - {"clock_drift"})
     assert list(EFFECTS) == [name for name in theirs if name in EFFECTS]
-
-
-@pytest.mark.slow
-def test_4096_environments_take_less_than_a_microsecond_each():
-    model = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), model_of(MEAN | SAMPLES))
-    count, dt = 4096, jnp.float32(0.002)
-    keys, load, speeds = (
-        jax.random.split(jax.random.key(0), count),
-        jnp.ones((count, 6), jnp.float32),
-        jnp.ones((count, 7), jnp.float32),
-    )
-    state = jax.jit(jax.vmap(lambda key, one: model.start(one, model.draw(key), jnp.float32(25), 9)))(keys, load)
-    step = jax.jit(jax.vmap(lambda state, key, one, dq: model.step(state, one, dt, model.draw(key), dq)))
-    jax.block_until_ready(step(state, keys, load, speeds))
-    times = []
-    for _ in range(20):
-        begin = time.process_time()
-        jax.block_until_ready(step(state, keys, load, speeds))
-        times.append((time.process_time() - begin) / count)
-    assert min(times) < 1e-6

@@ -201,8 +201,8 @@ def textbook_joints(noise, dt, q, dq):
     density, position, velocity, prior = noise
     x, P = np.array([q[np.isfinite(q)][0], 0, 0]), np.diag(prior**2)
     ahead, now = [], []
-    for k, h in enumerate(dt):
-        A, Q = (np.asarray(matrix(rows)) for rows in integrated_jerk_noise(jnp.asarray(h), jnp.asarray(density)))
+    processes = jax.vmap(lambda h: integrated_jerk_noise(h, jnp.asarray(density)))(jnp.asarray(dt))
+    for k, (A, Q) in enumerate(zip(*(np.asarray(jax.vmap(matrix)(rows)) for rows in processes), strict=True)):
         before, x, P = x, A @ x, A @ P @ A.T + Q
         lost = (np.diag(P) > prior**2)[:2].all()  # after a long gap: begun again, at rest where it was
         ahead.append((A, Q, x, P, lost))
