@@ -34,8 +34,7 @@ def strength(noise: BiasNoise, vibration: Array | None = None, jump: Array | Non
         jump: (..., 6) N^2, Nm^2, of ``jumps``; None = the sensor is never set to zero.
     """
     if noise.correlated_std is None and noise.drift_time is None and jump is None:
-        density: Array = noise.density
-        return density
+        return noise.density
     rate = None if noise.drift_time is None else 1 / noise.drift_time
     if noise.correlated_std is None or noise.correlated_time is None:
         # The reverse pass takes a transition that has parameters: XLA ends the process if it has none.

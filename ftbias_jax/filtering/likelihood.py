@@ -136,8 +136,7 @@ def nats_in_pieces(
 
     log = (inputs.dt, inputs.y, inputs.variance, inputs.drive, weight)
     start = (jnp.zeros_like(inputs.mean[0]), inputs.mean, inputs.covariance)
-    nats: Array = over_pieces(add, start, log, length)[0][0]
-    return nats
+    return over_pieces(add, start, log, length)[0][0]
 
 
 def measured_length(samples: Sample, xp: Any = jnp) -> Any:
@@ -211,8 +210,7 @@ def whiten(problem: WrenchProblem, columns: Float[Array, "C T 6"]) -> Float[Arra
         return innovation[:, 0] / jnp.sqrt(variance[:, 0])
 
     # Its value is its derivative: so the gains, which all series share, are worked out once.
-    whitened: Array = jax.vmap(lambda column: jax.jvp(white, (jnp.zeros_like(column),), (column,))[1])(columns)
-    return whitened
+    return jax.vmap(lambda column: jax.jvp(white, (jnp.zeros_like(column),), (column,))[1])(columns)
 
 
 @partial(jax.jit, static_argnames="options")

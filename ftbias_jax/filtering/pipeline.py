@@ -86,8 +86,7 @@ def run(
         the last state, to carry into the next part of the log, and what ``emit`` kept, with a leading time axis.
     """
     if samples.dt.shape[0] == 0:
-        by_steps: tuple[State, Any] = scan_steps(params, state, samples, options, emit)
-        return by_steps
+        return scan_steps(params, state, samples, options, emit)
     last, staged = stages.run(params, state, samples, options)
     return last, jax.vmap(emit)(*states_and_infos(params, state, samples, options, staged))
 

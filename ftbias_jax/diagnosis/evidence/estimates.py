@@ -155,8 +155,7 @@ def _of_events(
 
 
 def _plain(value: np.ndarray) -> Numbers:
-    plain: Numbers = np.asarray(value, float).tolist()
-    return plain
+    return np.asarray(value, float).tolist()
 
 
 def with_nominal(problem: Problem, candidate: Candidate) -> Candidate:

@@ -123,8 +123,7 @@ def _among(values: np.ndarray, marked: np.ndarray, neutral: float | np.ndarray) 
 def _around(marked: np.ndarray, reach: int) -> np.ndarray:
     """(N, k) samples that are marked, or within so many samples of one that is."""
     counts = np.apply_along_axis(np.convolve, 0, marked, np.ones(2 * reach + 1))
-    near: np.ndarray = counts[reach : reach + len(marked)] > 0.5  # also where there are fewer samples than that
-    return near
+    return counts[reach : reach + len(marked)] > 0.5  # also where there are fewer samples than that
 
 
 def _is_late(samples: Samples, step: np.ndarray, saturated: np.ndarray, free: np.ndarray) -> bool:

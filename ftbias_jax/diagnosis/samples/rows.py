@@ -68,5 +68,4 @@ def select(log: Log, stated: np.ndarray, error: Array, rate: Array, speed: Array
 def moving_mean(x: np.ndarray) -> np.ndarray:
     """(N, k) means over the REACH rows around each."""
     padded = np.pad(x, ((REACH // 2 + 1, REACH // 2), (0, 0)), mode="edge").cumsum(0)
-    mean: np.ndarray = (padded[REACH + 1 :] - padded[: -REACH - 1]) / (REACH + 1)
-    return mean
+    return (padded[REACH + 1 :] - padded[: -REACH - 1]) / (REACH + 1)

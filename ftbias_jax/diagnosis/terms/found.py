@@ -128,8 +128,7 @@ def _drive(term: Term, state: State, channel: int) -> tuple[np.ndarray, str]:
     joint = max(term.joint, 1)
 
     def inside(vectors: np.ndarray) -> np.ndarray:
-        turned: np.ndarray = np.einsum("tj,tj->t", state.rotation[:, :, axis], vectors)
-        return turned
+        return np.einsum("tj,tj->t", state.rotation[:, :, axis], vectors)
 
     match term.drive:
         case "velocity":

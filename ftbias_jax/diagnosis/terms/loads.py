@@ -63,8 +63,7 @@ def _may_be_all(problem: Problem, base: Fit, rough: Solved) -> bool:
 
 def _away(problem: Problem, load: Term) -> np.ndarray:
     """(U,) s from every bin to the nearest time of a load."""
-    away: np.ndarray = np.abs(problem.t[:, None] - np.ravel(load.parameters["time"])).min(1)
-    return away
+    return np.abs(problem.t[:, None] - np.ravel(load.parameters["time"])).min(1)
 
 
 def _timed(problem: Problem, state: State, found: Solved) -> tuple[Term, np.ndarray]:

@@ -82,11 +82,9 @@ def smooth_back(
             smoothed: Packed = jax.tree.map(lambda new, old: jnp.where(apart, old, new), new, (x, triangle))
             return smoothed, smoothed
 
-        found: Packed = jax.lax.scan(body, after, before, reverse=True)[1]
-        return found
+        return jax.lax.scan(body, after, before, reverse=True)[1]
 
-    found: Packed = loop(density, restart, after, before)
-    return found
+    return loop(density, restart, after, before)
 
 
 def _step(A: Table, Q: Table, x: Vector, P: Rows, x_after: Vector, P_after: Rows) -> tuple[Vector, Rows]:

@@ -51,8 +51,7 @@ def run(params: Params, state: State, samples: Sample, options: Options) -> tupl
     Returns:
         the last state and the track of every sample.
     """
-    found: tuple[State, Staged] = log_by_log_with_slopes(partial(_run_log, options))(params, state, samples)
-    return found
+    return log_by_log_with_slopes(partial(_run_log, options))(params, state, samples)
 
 
 def _run_log(options: Options, params: Params, state: State, samples: Sample) -> tuple[State, Staged]:
@@ -187,8 +186,7 @@ def predict_wrenches(
 
 def predict_readings(params: Params, joints: Float[Array, "T n 3"], samples: Sample) -> Float[Array, "T 6"]:
     """The reading alone, (T, 6), for joint states (T, n, 3)."""
-    reading: Array = compose.predict(signals_of(params, joints, samples), params.effects or {})
-    return reading
+    return compose.predict(signals_of(params, joints, samples), params.effects or {})
 
 
 def signals_of(params: Params, joints: Float[Array, "T n 3"], samples: Sample) -> Signals:

@@ -25,8 +25,7 @@ def wrenches_of_joints(params: Params, joints: Track | Smoothed | States, known_
     if isinstance(params.arm, FreeBody):
         track = joints.stacked() if isinstance(joints, States) else joints
         mean, covariance = jnp.swapaxes(track.mean, 1, 2), jnp.moveaxis(track.covariance, -1, 1)
-        found: tuple[Array, Array] = jax.vmap(partial(_of_free_body, params, known_exactly))(mean, covariance)
-        return found
+        return jax.vmap(partial(_of_free_body, params, known_exactly))(mean, covariance)
     entries = _entries(joints)
     return wrenches(Model(params.arm, params.gravity, params.theta), *entries[: 3 if known_exactly else 6])
 

@@ -83,8 +83,7 @@ def _fitted(params: Params, parts: Parts, state: State, options: Options, layout
     whole = Blocks(*map(np.concatenate, zip(*blocks, strict=True)))
     whole = whole._replace(number=np.asarray(len(whole.t)))
     _, fitted = noise_in(params.bias, whole, np.concatenate(jumps), layout=layout, enough=True)
-    noise: tuple[BiasNoise, Noise] = jax.tree.map(np.asarray, fitted)
-    return noise
+    return jax.tree.map(np.asarray, fitted)
 
 
 def _padded(parts: Parts, dtype: Any) -> Iterator[tuple[Log, tuple[Array, Array], Array, Sample]]:

@@ -165,8 +165,7 @@ def scatter_at_rest(
     if len(log.t) // layout.size < LEAST_BLOCKS:
         return np.ones(6)
     level = _level(*_padded(log, error, speed, variance), noise_std**2, layout=layout)
-    scatter: np.ndarray = np.sqrt(np.asarray(level))
-    return scatter
+    return np.sqrt(np.asarray(level))
 
 
 def _padded(log: Log, *columns: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray | None, np.ndarray]:

@@ -68,10 +68,7 @@ def ready_to_filter(
     layout = layout_of(samples.dt)
 
     def run(method: tuple[str, ...]) -> tuple[Params, States, Infos]:
-        found: tuple[Params, States, Infos] = jax.tree.map(
-            np.asarray, filter_samples(params, samples, options, method=method, layout=layout)
-        )
-        return found
+        return jax.tree.map(np.asarray, filter_samples(params, samples, options, method=method, layout=layout))
 
     last = ("smooth_bias",) if smooth and adapt else ()
     taken, states, infos = run((*method, *last))
@@ -100,8 +97,7 @@ def _params_of(setup: Setup, wide: bool) -> Params:
 
 def as_stated(params: Params) -> Params:
     """Parameters of JAX, without noise that is zero."""
-    found: Params = jax.tree.map(jnp.asarray, params._replace(bias=without_nothing(params.bias)))
-    return found
+    return jax.tree.map(jnp.asarray, params._replace(bias=without_nothing(params.bias)))
 
 
 def in_log_time(contacts: Sequence[Contact], dt: Array, t: Array) -> tuple[Contact, ...]:

@@ -139,8 +139,7 @@ def _filter(sets: Any, h: Array, pause: Array, y: Array, variance: Array) -> Fil
         return ((b, d, g), (bb, bd, bg, dd, dg, gg)), Filtered(v, s, b, d, g)
 
     covariance = (bias_std**2, zero, zero, drift_std**2, zero, stationary)
-    found: Filtered = jax.lax.scan(step, ((zero, zero, zero), covariance), (h, pause, y, variance))[1]
-    return found
+    return jax.lax.scan(step, ((zero, zero, zero), covariance), (h, pause, y, variance))[1]
 
 
 def averaged(x: Array) -> Averaged:
