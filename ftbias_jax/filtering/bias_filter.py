@@ -47,10 +47,7 @@ def driving(
 ) -> tuple[BiasStrength | Array, dict[str, Array] | None]:
     """``strength`` over a log: what of it is the same at all samples, and its fields (T, 6) that are not, by name.
 
-    Args:
-        params: of the pipeline.
-        rezeroed: (T,) as for ``jumps``.
-        velocity: (T, n) rad/s of the joints, needed where vibration is correlated.
+    The samples (T,) are as for ``jumps``; the velocity (T, n) rad/s is needed where vibration is correlated.
     """
     noise, jump = params.bias, jumps(params, rezeroed)
     constant, drive = strength(noise, jump=jump), {} if jump is None else {"jump": jump}

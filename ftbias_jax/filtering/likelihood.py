@@ -118,14 +118,7 @@ def wrench_given_joints(
 def nats_in_pieces(
     model: ProcessModel, inputs: Inputs, weight: Float[Array, " T"], length: Array
 ) -> Float[Array, " B"]:
-    """The likelihoods (B,) of ``filter_sums``, without the time that padding would take.
-
-    Args:
-        model: as for ``scan.filter_scan``.
-        inputs: of the filters, padded.
-        weight: (T,) of every sample's likelihood.
-        length: () samples at the start that are of a log.
-    """
+    """The likelihoods (B,), nats, of ``filter_sums``, without the time that padding after this length would take."""
 
     def add(state: tuple[Array, Array, Array], piece: Any) -> tuple[tuple[Array, Array, Array], None]:
         nats, mean, covariance = state

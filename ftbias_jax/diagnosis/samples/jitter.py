@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis.samples.bins import moving_mean
 from ftbias_jax.diagnosis.samples.noise import TOP, robust_std
-from ftbias_jax.diagnosis.samples.rows import moving_mean
 from ftbias_jax.diagnosis.samples.types import Finding
 from ftbias_jax.diagnosis.thresholds import (
     ACROSS,

@@ -126,17 +126,9 @@ def fit_variance(design: np.ndarray, squares: np.ndarray, rounds: int = ROUNDS) 
 def standard_errors(
     design: np.ndarray, squares: np.ndarray, weights: np.ndarray, block: np.ndarray, slope: np.ndarray | None = None
 ) -> tuple[np.ndarray, float]:
-    """Standard errors of weights (d, k), from the scatter of the likelihood's derivative over blocks.
+    """Standard errors (d, k) of weights that were fitted, from the scatter of the likelihood's derivative over blocks.
 
-    Args:
-        design: (N, d).
-        squares: (N, k) of the noise.
-        weights: (d, k) that were fitted.
-        block: (N,) number of the block of each row.
-        slope: (N, k) of the variance by one more number, which all channels share; None = there is none.
-
-    Returns:
-        (d, k), and that of the shared number.
+    And that of one more number, which all channels share, if the slope (N, k) of the variance by it is given.
     """
     d, k = weights.shape
     variance = design @ weights

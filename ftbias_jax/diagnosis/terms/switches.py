@@ -121,13 +121,9 @@ def _switched_at(x: np.ndarray, weight: np.ndarray, cuts: np.ndarray, share: flo
 
 
 def changes(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(K,) rows before which the level of series changes: piecewise constant, by penalised least squares.
+    """(K,) rows before which the level of series (N, C) changes: piecewise constant, by penalised least squares.
 
     Exact by dynamic programming, pruned as PELT does it (Killick, Fearnhead and Eckley, 2012).
-
-    Args:
-        x: (N, C).
-        weight: (N, C) one over the variance; 0 = not measured.
     """
     (n, channels), price = x.shape, PRICE * np.log(max(len(x), 2)) * x.shape[1]
     # What a level takes of the sum of squares is all in which segmentations differ.

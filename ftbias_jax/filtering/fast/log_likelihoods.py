@@ -42,15 +42,7 @@ Nats = tuple[Array, Array]
 def log_likelihoods(
     params: Params, state: State, samples: Sample, weight: Float[Array, " T"], options: Options
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Weighted sums of the likelihood's increments, of joints and of wrench.
-
-    Args:
-        params: as for ``stages.run``, where that applies.
-        state: before the first sample.
-        samples: the log.
-        weight: (T,) of every sample.
-        options: of the pipeline.
-    """
+    """Sums of the likelihood's increments, of joints and of wrench, with a weight for every sample."""
     return log_by_log_with_slopes(partial(_of_log, options))(params, state, samples, weight)
 
 
