@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ftbias_jax.errors import UsageError, printable
-from ftbias_jax.io.limits.budget import need
+from ftbias_jax.io.budget import need
 from ftbias_jax.io.write.mcap import CDR, schema_with_header
 from ftbias_jax.planning.limits import NOT_KNOWN
 from ftbias_jax.planning.shape import Motion

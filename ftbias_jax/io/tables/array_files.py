@@ -16,8 +16,8 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.limits import budget
-from ftbias_jax.io.limits.budget import MAX_CHUNK, Budget, need
+from ftbias_jax.io import budget
+from ftbias_jax.io.budget import MAX_CHUNK, Budget, need
 from ftbias_jax.types import Array
 
 GZIP, SHUFFLE, CHECKSUM, LZF = 1, 2, 3, 32000

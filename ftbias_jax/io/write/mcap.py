@@ -13,7 +13,7 @@ import numpy as np
 
 from ftbias_jax.errors import OutputError
 from ftbias_jax.io.atomic import write_atomic
-from ftbias_jax.io.limits.budget import need
+from ftbias_jax.io.budget import need
 from ftbias_jax.io.write.fields import FIELDS, SIGN
 from ftbias_jax.io.write.selection import About, texts_of
 from ftbias_jax.types import Array

@@ -11,7 +11,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from ftbias_jax.io.atomic import write_atomic, write_json
-from ftbias_jax.io.limits.budget import need
+from ftbias_jax.io.budget import need
 from ftbias_jax.io.write.fields import FIELDS, unit_of
 from ftbias_jax.io.write.selection import About, description, texts_of
 from ftbias_jax.types import AXES, Array
