@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -145,7 +144,7 @@ class Check:
             OutputError: the file cannot be written.
         """
         said = {} if origin is None else {"provenance": origin}
-        write_json(path, json.loads(json.dumps(self.as_dict() | said)))
+        write_json(path, self.as_dict() | said)
 
     def __str__(self) -> str:
         return "\n".join((*self._found(), *self.open_questions()))

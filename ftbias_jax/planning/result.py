@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ftbias_jax.io.atomic import write_atomic, write_json
+from ftbias_jax.io.atomic import plain, write_atomic, write_json
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.write import writer
 from ftbias_jax.io.write.provenance import Provenance, provenance, source_of
@@ -115,10 +115,8 @@ class Plan:
         """Expected standard errors, what is separated, what cannot be, and shares of limits, as plain numbers."""
         told = self.forecast
 
-        def named(stds: np.ndarray | None) -> dict[str, float | None] | None:
-            if stds is None:
-                return None
-            return {label: float(x) if np.isfinite(x) else None for label, x in zip(told.labels, stds, strict=True)}
+        def named(stds: np.ndarray | None) -> Any:
+            return None if stds is None else plain(dict(zip(told.labels, stds, strict=True)))
 
         return {
             "duration": self.options.duration,

@@ -49,7 +49,6 @@ class StoredArray(NamedTuple):
     """An array in a file, to be read in parts."""
 
     shape: tuple[int, ...]
-    dtype: np.dtype
     parts: Callable[[int], Iterator[Array]]
     """Rows at once -> the array from its first row on, in parts of that many rows; LogError if it is damaged."""
 
@@ -61,8 +60,8 @@ def stored_arrays(path: str | os.PathLike[str], wanted: Set[str]) -> dict[str, S
         for name in wanted & _members(archive).keys():
             member = _members(archive)[name]
             with archive.open(member) as stream:
-                shape, _, dtype = _check_header(stream, member, name, file)
-            found[name] = StoredArray(shape, dtype, partial(_parts, file, name))
+                shape, *_ = _check_header(stream, member, name, file)
+            found[name] = StoredArray(shape, partial(_parts, file, name))
     return found
 
 
