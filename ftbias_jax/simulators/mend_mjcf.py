@@ -34,8 +34,7 @@ from ftbias_jax.simulators.mended import (
     same_body,
     without_drag,
 )
-from ftbias_jax.simulators.mjcf_texts import Texts
-from ftbias_jax.simulators.xml_text import Document, numbers
+from ftbias_jax.simulators.xml_text import Document, Texts, numbers
 
 ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 

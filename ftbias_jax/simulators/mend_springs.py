@@ -10,8 +10,7 @@ from ftbias_jax.setup.bodies import RigidBody, joined
 from ftbias_jax.setup.mjcf import Mjcf, distal_body
 from ftbias_jax.setup.rotations import quaternions_of
 from ftbias_jax.simulators.mended import Physics
-from ftbias_jax.simulators.mjcf_texts import Texts
-from ftbias_jax.simulators.xml_text import numbers
+from ftbias_jax.simulators.xml_text import Texts, numbers
 from ftbias_jax.types import Array
 
 FROM_GEOMS = "the compiler's inertiafromgeom is true: MuJoCo takes all inertia from geoms"
