@@ -91,8 +91,7 @@ class State:
     @cached_property
     def of_tool(self) -> Array:
         """(N, 6) N, Nm that the nominal tool causes."""
-        wrench: Array = self.data @ self.tool.theta
-        return wrench
+        return self.data @ self.tool.theta
 
     def _stamped(self, values: Array) -> Array:
         """Values (N, ...) as late as the wrench."""

@@ -10,9 +10,8 @@ import numpy as np
 
 from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.diagnosis.evidence.causes import Answer, causes_of, doubt_by, is_sure, ranking_of
-from ftbias_jax.diagnosis.evidence.estimates import with_nominal
+from ftbias_jax.diagnosis.evidence.estimates import correlations, with_nominal
 from ftbias_jax.diagnosis.evidence.gap import Judge, compare, is_quiet, measure_gap, verdict_of
-from ftbias_jax.diagnosis.evidence.posterior import correlations
 from ftbias_jax.diagnosis.problem import Problem, make_problem
 from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead

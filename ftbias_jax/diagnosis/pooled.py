@@ -142,8 +142,7 @@ def course_of(dates: np.ndarray, effect: str, share: np.ndarray, stderr: np.ndar
 def _ramp(days: np.ndarray, first: int) -> np.ndarray:
     """(N,) 0 up to the log before the first, and 1 at the last one."""
     begin = days[first - 1]
-    ramp: np.ndarray = np.clip((days - begin) / max(days[-1] - begin, 1e-9), 0.0, None)
-    return ramp
+    return np.clip((days - begin) / max(days[-1] - begin, 1e-9), 0.0, None)
 
 
 def _likeliest(

@@ -26,8 +26,7 @@ def samples_from_log(log: Log, dtype: Any = None) -> Sample:
         log: a whole log.
         dtype: of the arrays.
     """
-    samples: Sample = jax.tree.map(jnp.asarray, arrays_from_log(log, dtype))
-    return samples
+    return jax.tree.map(jnp.asarray, arrays_from_log(log, dtype))
 
 
 def arrays_from_log(log: Log, dtype: Any = None, before: float | None = None) -> Sample:
@@ -45,8 +44,7 @@ def arrays_from_log(log: Log, dtype: Any = None, before: float | None = None) ->
     rezeroed = np.asarray(log.is_rezeroed(log.t, before), float) if log.rezeroed_at else None
     arrays = Sample(dt, log.q, log.dq, log.wrench, temperature, columns or None, rezeroed)
     kind = jnp.result_type(float) if dtype is None else dtype
-    samples: Sample = jax.tree.map(lambda x: np.asarray(x, kind), arrays)
-    return samples
+    return jax.tree.map(lambda x: np.asarray(x, kind), arrays)
 
 
 def settled_at(t: Array, params: Params) -> float:
@@ -93,8 +91,7 @@ def room_for(length: int, least: int = 512) -> int:
 def first_position(q: Array) -> Array:
     """First finite position of every joint; (T, n) -> (n,) rad, NaN if there is none: ``first_measured`` in numpy."""
     q = np.asarray(q)
-    found: Array = q[np.isfinite(q).argmax(0), np.arange(q.shape[1])]
-    return found
+    return q[np.isfinite(q).argmax(0), np.arange(q.shape[1])]
 
 
 def pad(samples: Sample, length: int) -> Sample:

@@ -22,8 +22,7 @@ class MotionNoise(NamedTuple):
         effective = effective_speed_squared(velocity, self.speed)
         if len(self.per_speed) == 1:
             effective = effective.sum(-1, keepdims=True)
-        variance: Array = effective @ self.per_speed
-        return variance
+        return effective @ self.per_speed
 
     def as_numbers(self) -> MotionNoise:
         """The same of NumPy arrays in double precision."""

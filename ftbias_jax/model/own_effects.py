@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ftbias_jax.errors import FtbiasError, SetupError, UsageError
-from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue, MakeError
+from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue
 from ftbias_jax.model.effects.fitting import (
     SIGNS,
     ByJoint,
@@ -32,6 +32,7 @@ from ftbias_jax.model.effects.fitting import (
     Step,
 )
 from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import MakeError
 from ftbias_jax.model.effects.types import Effect, Parameter
 from ftbias_jax.setup.types import Setup
 

@@ -138,8 +138,7 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     params = params._replace(
         effects=values_of(effects, catalogue) if effects else None, bias=params.bias._replace(**noise)
     )
-    converted: Params = jax.tree.map(partial(as_array, dtype=dtype), params)
-    return converted
+    return jax.tree.map(partial(as_array, dtype=dtype), params)
 
 
 def _split_noise(values: Values, speeds: int, file: str, catalogue: Catalogue) -> tuple[Values, dict[str, Array]]:

@@ -214,8 +214,7 @@ def trajectory_of(setup: Setup, motion: str | Log, duration: float, rate: float,
     if setup.pose is not None:
         return tumbling(generate, key, t, len(setup.robot.joint_names))
     center, excursion = trajectories.working_range(setup)
-    made: Trajectory = generate(key, t, jnp.asarray(center), jnp.asarray(excursion))
-    return made
+    return generate(key, t, jnp.asarray(center), jnp.asarray(excursion))
 
 
 def check_motion(duration: float, rate: float, motion: str | Log) -> None:

@@ -178,8 +178,7 @@ def inertia_std(asked: Sequence[Asked], model: Model, catalogue: Catalogue) -> n
         mass_and_center, inertia = jnp.split(jnp.abs(changed) > ROUNDING * jnp.abs(model.theta).max(), [4])
         if inertia.any() and not mass_and_center.any():
             return np.zeros(6)
-    std: np.ndarray = LOOSE * tool_units(float(model.theta[0]))[4:]
-    return std
+    return LOOSE * tool_units(float(model.theta[0]))[4:]
 
 
 def columns(signals: Signals, known: Values, numbers: Any, names: tuple[str, ...], catalogue: Catalogue) -> Array:

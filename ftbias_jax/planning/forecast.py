@@ -184,5 +184,4 @@ def information_of_logs(problem: Problem, names: tuple[str, ...], numbers: Any) 
         white = part.whiten(np.asarray(made)[:, : part.used])
         flat = white.reshape(len(white), -1)
         told.append(flat @ flat.T)
-    whole: np.ndarray = np.sum(told, axis=0)
-    return whole
+    return np.sum(told, axis=0)

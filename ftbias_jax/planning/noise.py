@@ -69,7 +69,7 @@ def smoothed_covariance(noise: JointNoise, model: str, dt: float) -> Float[np.nd
         gain = predicted @ H.T @ np.linalg.inv(H @ predicted @ H.T + R)
         P = predicted - gain @ H @ predicted
     back = P @ At @ np.linalg.inv(predicted)
-    smoothed: np.ndarray = P
+    smoothed = P
     for _ in range(SETTLES):
         smoothed = P + back @ (smoothed - predicted) @ back.transpose(0, 2, 1)
     return smoothed

@@ -68,8 +68,7 @@ def tip_path(plan: Plan) -> np.ndarray:
     step = max(1, len(plan.motion.t) // PATH_POINTS)
     limits, _ = limits_of(plan.setup, plan.motion.q[0], 0.0)
     moving = arm_motion(plan.setup.robot, plan.setup.sensor, *(x[::step] for x in plan.motion[1:4]))
-    path: np.ndarray = moving.position + moving.rotation @ limits.points[-1]
-    return path
+    return moving.position + moving.rotation @ limits.points[-1]
 
 
 def _path(plan: Plan, name: str, across: int, up: int) -> str:

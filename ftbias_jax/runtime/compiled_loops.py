@@ -10,7 +10,7 @@ the time of 5,120.
 """
 
 from collections.abc import Callable
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar
 
 import jax
 import jax.custom_batching
@@ -45,8 +45,7 @@ def compile_whole(function: Callable[P, R]) -> Callable[P, R]:
         # XLA crashes on a marked call into which it has moved a constant argument; none passes a barrier.
         arguments, named = jax.lax.optimization_barrier((arguments, named))
         with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
-            result: R = whole(*arguments, **named)
-        return result
+            return whole(*arguments, **named)
 
     return call
 
@@ -58,13 +57,12 @@ def compile_forward(function: Callable[..., R]) -> Callable[..., R]:
     """
     whole: Any = jax.custom_vjp(compile_whole(function))
     whole.defvjp(lambda *arguments: jax.vjp(function, *arguments), lambda pull, bar: pull(bar))
-    return cast("Callable[..., R]", whole)
+    return whole
 
 
 def running_sum(x: Array) -> Array:
     """Sums over the first axis; ``jnp.cumsum`` takes several times as long to compile and to run on a processor."""
-    total: Array = compile_whole(_running_sum)(x)
-    return total
+    return compile_whole(_running_sum)(x)
 
 
 def _running_sum(x: Array) -> Array:
@@ -101,7 +99,7 @@ def _looped(function: Callable[..., Any], *, nested: bool) -> Callable[..., Any]
         return found, jax.tree.map(lambda _: bool(mapped), found)
 
     looped.def_vmap(rule)
-    return cast("Callable[..., Any]", looped)
+    return looped
 
 
 def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -135,7 +133,7 @@ def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
         return jax.tree.map(lambda a: None if a is None else next(rest), asked, is_leaf=lambda a: a in (None, ()))
 
     whole.defvjp(forward, backward, symbolic_zeros=True)
-    return cast("Callable[..., Any]", whole)
+    return whole
 
 
 def _differentiated_once(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -146,7 +144,7 @@ def _differentiated_once(function: Callable[..., Any]) -> Callable[..., Any]:
         raise TypeError("can't apply forward-mode differentiation (jvp) to a function that has a reverse pass alone")
 
     once.defjvp(refuse)
-    return cast("Callable[..., Any]", once)
+    return once
 
 
 def over_pieces(
@@ -176,8 +174,7 @@ def over_pieces(
 
     def body(state: Any, numbered: Any) -> tuple[Any, Any]:
         first, piece = numbered
-        found: tuple[Any, Any] = jax.lax.cond(first < length, work, pass_over, state, piece)
-        return found
+        return jax.lax.cond(first < length, work, pass_over, state, piece)
 
     numbered = (jnp.arange(0, room, PIECE), pieces)
     last, found = jax.lax.scan(body, state, numbered, reverse=reverse)

@@ -188,5 +188,4 @@ class _Ray(Executor):
         self.ray = ray
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = self.ray.remote(fn).remote(*args, **kwargs).future()
-        return future
+        return self.ray.remote(fn).remote(*args, **kwargs).future()

@@ -137,8 +137,7 @@ def mend_drag(texts: Texts, physics: Physics, drags: Sequence[Mapping[str, Any]]
 def in_world(data: Any, scene: Mjcf, physics: Physics, point: Array) -> Array:
     """A point (3,) m of the believed sensor's frame, in the world."""
     at_site = physics.sensor_position + physics.sensor_believed @ point
-    position: Array = data.site_xpos[scene.site] + data.site_xmat[scene.site].reshape(3, 3) @ at_site
-    return position
+    return data.site_xpos[scene.site] + data.site_xmat[scene.site].reshape(3, 3) @ at_site
 
 
 def in_body(data: Any, body: int, world: Array) -> str:

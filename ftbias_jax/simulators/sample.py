@@ -152,8 +152,7 @@ def _odds(cause: Candidate, twins: Sequence[Candidate], seconds: float) -> Array
     """Probabilities of a cause and its twins: equal before the logs, and by the unseen nats that each is behind."""
     behind = np.array([0.0, *(0.0 if x.behind is None else max(x.behind, 0.0) for x in twins)])
     weights = np.exp(-np.nan_to_num(behind) * seconds)
-    scaled: Array = weights / weights.sum()
-    return scaled
+    return weights / weights.sum()
 
 
 def draw(posterior: Posterior, random: np.random.Generator) -> tuple[Candidate, ...]:
@@ -180,8 +179,7 @@ def _within(mean: Array, covariance: Array, bounds: Array, random: np.random.Gen
         drawn = mean + root @ random.normal(size=len(mean))
         if ((drawn >= bounds[0]) & (drawn <= bounds[1])).all():
             break
-    inside: Array = np.clip(drawn, *bounds)
-    return inside
+    return np.clip(drawn, *bounds)
 
 
 def _with_numbers(cause: Candidate, numbers: Array) -> Candidate:

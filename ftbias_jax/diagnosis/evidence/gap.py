@@ -80,8 +80,7 @@ def excess(problem: Problem, error: np.ndarray) -> np.ndarray:
 
 def excess_by_channel(problem: Problem, error: np.ndarray) -> np.ndarray:
     """(6,) mean of the excess, each bin weighted by how well it tells it: not at all where joints are hardly known."""
-    mean: np.ndarray = (_weights(problem) * excess(problem, error)).sum(0)
-    return mean
+    return (_weights(problem) * excess(problem, error)).sum(0)
 
 
 def excess_over_quiet(problem: Problem, error: np.ndarray) -> np.ndarray:
@@ -94,8 +93,7 @@ def excess_over_quiet(problem: Problem, error: np.ndarray) -> np.ndarray:
     sums = np.stack([np.bincount(block, x) for x in (weights * excess(problem, error)).T])
     shares = np.stack([np.bincount(block, x) for x in weights.T])
     quiet = np.array([_median(x / np.maximum(share, 1e-300), share) for x, share in zip(sums, shares, strict=True)])
-    over_quiet: np.ndarray = sums.sum(1) - np.minimum(quiet, 0)
-    return over_quiet
+    return sums.sum(1) - np.minimum(quiet, 0)
 
 
 def gap_removed(problem: Problem, before: np.ndarray, after: np.ndarray) -> float:
@@ -145,8 +143,7 @@ def excess_by_size(problem: Problem) -> float:
 def _weights(problem: Problem) -> np.ndarray:
     """(U, 6) inverse variances of the bins' excess, with sum 1 over the bins."""
     weight = np.where(problem.samples > 0, (problem.noise_std**2 / problem.variance) ** 2, 0)
-    scaled: np.ndarray = weight / np.maximum(weight.sum(0), 1e-300)
-    return scaled
+    return weight / np.maximum(weight.sum(0), 1e-300)
 
 
 def _median(x: np.ndarray, weight: np.ndarray) -> float:

@@ -82,8 +82,7 @@ def by_channel(accepted: Fit, white: np.ndarray) -> np.ndarray:
     error = accepted.error.astype(white.dtype)
     along = np.einsum("cuk,uk->ck", white, error)
     power = np.einsum("cuk,cuk->ck", white, white)
-    gain: np.ndarray = (along**2 / np.maximum(power, 1e-9) / 2).sum(1)
-    return gain
+    return (along**2 / np.maximum(power, 1e-9) / 2).sum(1)
 
 
 def slow(problem: Problem, library: Library, accepted: Fit, taken: Collection[str]) -> list[Found]:

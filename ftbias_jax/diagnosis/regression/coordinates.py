@@ -137,8 +137,7 @@ def is_moment(parameter: Parameter, seconds: float) -> bool:
 def can_move(parameter: Parameter) -> np.ndarray:
     """(k,) bool: which of its numbers are fitted."""
     given = (parameter.coordinate or AS_STATED).scale
-    moving: np.ndarray = _flat(parameter.scale if given is None else given, parameter) > 0
-    return moving
+    return _flat(parameter.scale if given is None else given, parameter) > 0
 
 
 def scale_of(effect: Effect, parameter: Parameter) -> Scale:

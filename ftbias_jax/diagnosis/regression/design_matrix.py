@@ -104,8 +104,7 @@ def change(columns: Columns, numbers: np.ndarray) -> np.ndarray:
     """(K,) numbers -> (U, 6) what they add to the innovations."""
     F = len(columns.moving)
     of_series = np.einsum("ek,euk->uk", numbers[F:].reshape(-1, 6), columns.series)
-    total: np.ndarray = np.tensordot(numbers[:F], columns.moving, 1) + of_series
-    return total
+    return np.tensordot(numbers[:F], columns.moving, 1) + of_series
 
 
 def step_and_gain(columns: Columns, error: np.ndarray) -> tuple[np.ndarray, float]:

@@ -32,8 +32,7 @@ class Gains(NamedTuple):
         """(len(chosen),) of these columns together."""
         normal, pull = self.normal[np.ix_(chosen, chosen)], self.pull[chosen]
         ridge = 1e-8 * max(np.trace(normal) / max(len(normal), 1), 1e-12)
-        solved: np.ndarray = -np.linalg.solve(normal + ridge * np.eye(len(normal)), pull)
-        return solved
+        return -np.linalg.solve(normal + ridge * np.eye(len(normal)), pull)
 
     def pursue(self, rows: list[int], most: int, least: float) -> tuple[float, list[int]]:
         """Matching pursuit: the few columns of these that gain most together, at most so many, and how much.

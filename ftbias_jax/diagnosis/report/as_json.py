@@ -53,8 +53,7 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "by_log": [log._asdict() for log in diagnosis.by_log],
         "courses": [course._asdict() for course in diagnosis.courses],
     }
-    written: dict[str, Any] = plain(content)
-    return written
+    return plain(content)
 
 
 def load_found(path: str) -> tuple[tuple[Candidate, ...], tuple[FoundTerm, ...], dict[str, Any]]:

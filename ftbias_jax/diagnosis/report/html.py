@@ -60,12 +60,7 @@ def save_html(diagnosis: Diagnosis, path: str | os.PathLike[str], title: str = "
 
 
 def to_html(diagnosis: Diagnosis, title: str) -> str:
-    """The report.
-
-    Args:
-        diagnosis: what to show.
-        title: such as the names of the logs; any text.
-    """
+    """The report, whose title may be any text."""
     sections = (
         section("What to do", _remedies(diagnosis)),
         section("Causes", _causes(diagnosis.causes)),

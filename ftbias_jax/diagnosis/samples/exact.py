@@ -72,8 +72,7 @@ def repeated_rows(wrench: np.ndarray) -> np.ndarray:
 def runs(marked: np.ndarray) -> np.ndarray:
     """Lengths of the runs of marked rows (N,)."""
     edge = np.flatnonzero(np.diff(marked.astype(int), prepend=0, append=0))
-    lengths: np.ndarray = edge[1::2] - edge[::2]
-    return lengths
+    return edge[1::2] - edge[::2]
 
 
 def find_dropped(repeated: np.ndarray, gaps: Gaps) -> Finding:

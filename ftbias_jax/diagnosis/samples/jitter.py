@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis.samples.bins import moving_mean
 from ftbias_jax.diagnosis.samples.noise import TOP, robust_std
-from ftbias_jax.diagnosis.samples.rows import moving_mean
 from ftbias_jax.diagnosis.samples.types import Finding
 from ftbias_jax.diagnosis.thresholds import (
     ACROSS,
@@ -140,8 +140,7 @@ def _fit(power: np.ndarray, speed: np.ndarray, ground: np.ndarray, dof: int) -> 
 
     def likelihood(tau2: np.ndarray) -> np.ndarray:
         expected = ground[:, None] + tau2 * x[:, None]
-        total: np.ndarray = -dof / 2 * (np.log(expected) + power[:, None] / expected).sum(0)
-        return total
+        return -dof / 2 * (np.log(expected) + power[:, None] / expected).sum(0)
 
     grid = np.concatenate([[0.0], np.logspace(-3, 4, 57) / np.quantile(x, 0.95)])
     for _ in range(3):

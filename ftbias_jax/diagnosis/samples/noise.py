@@ -54,8 +54,7 @@ class Waves(NamedTuple):
         basis = self.basis[:, :, TOP - CUBIC :]
         share = (basis**2).sum(2, keepdims=True)
         of_samples = np.einsum("mwj,mjk->mwk", basis, self.top) ** 2 / share
-        squares: np.ndarray = of_samples.reshape(-1, of_samples.shape[2])
-        return squares
+        return of_samples.reshape(-1, of_samples.shape[2])
 
 
 class Noise(NamedTuple):

@@ -59,8 +59,7 @@ def blocks_of(t: np.ndarray) -> np.ndarray:
 def average_runs(x: np.ndarray, length: int) -> np.ndarray:
     """(N, ...) -> (N // length, ...) means over runs of so many rows."""
     count = len(x) // length
-    mean: np.ndarray = x[: count * length].reshape(count, length, *x.shape[1:]).mean(1)
-    return mean
+    return x[: count * length].reshape(count, length, *x.shape[1:]).mean(1)
 
 
 def _held_out_gains(design: np.ndarray, squares: np.ndarray, block: np.ndarray) -> np.ndarray:
@@ -108,8 +107,7 @@ def fit_variance(design: np.ndarray, squares: np.ndarray, rounds: int = ROUNDS) 
         np.minimum(raising, FAR_SQUARES, out=raising)
         np.multiply(raising, lowering, out=raising)
         up, down = parts @ design
-        after: np.ndarray = weights * (up / down).T
-        return after
+        return weights * (up / down).T
 
     for _ in range(rounds):
         once = stepped(weights)
@@ -128,17 +126,9 @@ def fit_variance(design: np.ndarray, squares: np.ndarray, rounds: int = ROUNDS) 
 def standard_errors(
     design: np.ndarray, squares: np.ndarray, weights: np.ndarray, block: np.ndarray, slope: np.ndarray | None = None
 ) -> tuple[np.ndarray, float]:
-    """Standard errors of weights (d, k), from the scatter of the likelihood's derivative over blocks.
+    """Standard errors (d, k) of weights that were fitted, from the scatter of the likelihood's derivative over blocks.
 
-    Args:
-        design: (N, d).
-        squares: (N, k) of the noise.
-        weights: (d, k) that were fitted.
-        block: (N,) number of the block of each row.
-        slope: (N, k) of the variance by one more number, which all channels share; None = there is none.
-
-    Returns:
-        (d, k), and that of the shared number.
+    And that of one more number, which all channels share, if the slope (N, k) of the variance by it is given.
     """
     d, k = weights.shape
     variance = design @ weights

@@ -68,14 +68,9 @@ def make_term(
 
 
 def make_grid(problem: Problem, state: State, point: np.ndarray, fit: Fit, fast: Sequence[float] = ()) -> list[Term]:
-    """All terms to try.
+    """All terms to try, with forces that act at a point (3,) m, sensor frame, at first.
 
-    Args:
-        problem: of the logs.
-        state: of all logs end to end.
-        point: (3,) m, sensor frame, where forces act at first.
-        fit: what it leaves is looked at for what stands out.
-        fast: Hz of lines in the single samples.
+    What a fit leaves is looked at for what stands out, beside ``fast``, Hz of lines in the single samples.
     """
     terms = (*_slow(problem), *_of_places(state), *_of_joints(problem, state), *_vectors(state), *_channels(problem))
     shifts = state.q.shape[1] or problem.joints == ENTRIES

@@ -121,15 +121,7 @@ def density_of(record: Tape) -> Array:
 def predict(
     model: ProcessModel, density: Array, restart: Vector, state: tuple[Vector, Rows], dt: Array
 ) -> tuple[Vector, Rows, Array]:
-    """The state before the sample's correction, and whether the filter started again.
-
-    Args:
-        model: of the process.
-        density: strength of its noise.
-        restart: variances from which a filter that knows too little starts again.
-        state: after the previous sample.
-        dt: s since then.
-    """
+    """The state before the sample's correction, dt s after the one given, and whether the filter started again."""
     x, triangle, lost = _start_again(restart, state[0], *_move(model, density, state[0], upper(state[1]), dt))
     return x, from_upper(len(x), triangle), lost
 

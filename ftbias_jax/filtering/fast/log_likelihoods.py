@@ -42,17 +42,8 @@ Nats = tuple[Array, Array]
 def log_likelihoods(
     params: Params, state: State, samples: Sample, weight: Float[Array, " T"], options: Options
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Weighted sums of the likelihood's increments, of joints and of wrench.
-
-    Args:
-        params: as for ``stages.run``, where that applies.
-        state: before the first sample.
-        samples: the log.
-        weight: (T,) of every sample.
-        options: of the pipeline.
-    """
-    found: Nats = log_by_log_with_slopes(partial(_of_log, options))(params, state, samples, weight)
-    return found
+    """Sums of the likelihood's increments, of joints and of wrench, with a weight for every sample."""
+    return log_by_log_with_slopes(partial(_of_log, options))(params, state, samples, weight)
 
 
 def _of_log(options: Options, params: Params, state: State, samples: Sample, weight: Array) -> Nats:
@@ -69,8 +60,7 @@ def _of_log(options: Options, params: Params, state: State, samples: Sample, wei
     @partial(jax.checkpoint, policy=jax.checkpoint_policies.save_only_these_names(WRENCH), prevent_cse=False)
     def of_chunk(state: State, chunk: tuple[Sample, Array]) -> tuple[State, Nats]:
         work = partial(_of_chunk, options, params)
-        after: tuple[State, Nats] = jax.lax.cond(is_there(chunk[0]), work, pass_over, state, chunk)
-        return after
+        return jax.lax.cond(is_there(chunk[0]), work, pass_over, state, chunk)
 
     nats: Nats = jax.lax.scan(of_chunk, state, chunks)[1]
     return nats[0].sum(), nats[1].sum()

@@ -37,13 +37,7 @@ from ftbias_jax.runtime.lanes import (
 
 
 def smooth_track(model: ProcessModel, inputs: Inputs, track: Track) -> Smoothed:
-    """States given all measurements, from the filtered ones.
-
-    Args:
-        model: as for ``scan.filter_scan``.
-        inputs: as for ``scan.filter_scan``.
-        track: what ``scan.filter_scan`` returned.
-    """
+    """States given all measurements, from the filtered ones that ``scan.filter_scan`` returned for these inputs."""
     k = track.mean.shape[1]
     states = _entries(track.mean), upper([_entries(track.covariance[:, a]) for a in range(k)])
     last, earlier = jax.tree.map(lambda x: x[-1], states), jax.tree.map(lambda x: x[:-1], states)
@@ -58,12 +52,8 @@ def smooth_back(
 ) -> Packed:
     """The same for states whose entries are apart, given the smoothed state that follows them.
 
-    Args:
-        model: as for ``scan.filter_scan``.
-        density: as in ``scan.Inputs``.
-        restart: variances of the first two entries from which a filter starts again.
-        after: the smoothed state after the last of them.
-        before: (T, 1) s from each state to the next, what drives the process there, and the filtered states (T, B).
+    Before it are (T, 1) s from each state to the next, what drives the process there, and the filtered states (T, B).
+    A filter starts again from these variances of its first two entries.
     """
     step_back = _damped_step if isinstance(density, tuple) else _step
 
@@ -82,11 +72,9 @@ def smooth_back(
             smoothed: Packed = jax.tree.map(lambda new, old: jnp.where(apart, old, new), new, (x, triangle))
             return smoothed, smoothed
 
-        found: Packed = jax.lax.scan(body, after, before, reverse=True)[1]
-        return found
+        return jax.lax.scan(body, after, before, reverse=True)[1]
 
-    found: Packed = loop(density, restart, after, before)
-    return found
+    return loop(density, restart, after, before)
 
 
 def _step(A: Table, Q: Table, x: Vector, P: Rows, x_after: Vector, P_after: Rows) -> tuple[Vector, Rows]:

@@ -115,12 +115,7 @@ class _Run(NamedTuple):
 
 
 def filter_scan(model: ProcessModel, inputs: Inputs) -> Track:
-    """Run the filters over a log; differentiable in all inputs but dt.
-
-    Args:
-        model: process_models.drift_noise or one of process_models.JOINT_MODELS.values().
-        inputs: see there.
-    """
+    """Run the filters over a log, with a model of ``process_models``; differentiable in all inputs but dt."""
     run = _filtered(model, Kept(states=True, innovations=True), inputs)
     states = States(*run.states).stacked()
     innovations = jnp.stack(run.innovation, 1), jnp.stack(run.innovation_variance, 1)
@@ -128,14 +123,7 @@ def filter_scan(model: ProcessModel, inputs: Inputs) -> Track:
 
 
 def filter_sums(model: ProcessModel, keep: bool, inputs: Inputs, weight: Float[Array, " T"]) -> Sums:
-    """The same where only sums are asked for, and with ``keep`` the states.
-
-    Args:
-        model: as for ``filter_scan``.
-        keep: whether the states of all samples are asked for.
-        inputs: as for ``filter_scan``.
-        weight: (T,) of every sample's likelihood.
-    """
+    """The same where only sums are asked for, with weights of the samples' likelihood, and with ``keep`` states."""
     run = _filtered(model, Kept(states=keep, innovations=False), inputs)
     mean, triangle = run.last
     # An accelerator would round the factors of a matrix product to fewer digits.

@@ -73,5 +73,4 @@ def _moved_by_drift(drift_time: Array | None, seconds: float | Array) -> float |
         return seconds
     times = np.asarray(drift_time, float)
     reverting = np.where(np.isinf(times), 1.0, times)
-    moved: Array = np.where(np.isinf(times), seconds, -reverting * np.expm1(-seconds / reverting))
-    return moved
+    return np.where(np.isinf(times), seconds, -reverting * np.expm1(-seconds / reverting))

@@ -20,11 +20,7 @@ MakeError = Callable[..., FtbiasError]
 
 
 def parse_terms(sections: Any, error: MakeError = SetupError) -> dict[str, Term]:
-    """Terms by the number of their section, from 1.
-
-    Args:
-        sections: ``effects["term"]`` of a setup.
-        error: makes the error to raise.
+    """Terms by the number of their section, from 1, of ``effects["term"]`` of a setup.
 
     Raises:
         SetupError: an unknown drive, form or key, a missing or wrong number.
