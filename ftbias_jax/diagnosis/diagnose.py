@@ -1,7 +1,5 @@
 """The diagnosis of one log: examine samples, search causes, judge on held-out blocks, say what is and is not known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path

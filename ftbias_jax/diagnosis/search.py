@@ -1,7 +1,5 @@
 """Which effects explain a log: the best one added while it earns it, pairs tried from several first causes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple, TypeAlias

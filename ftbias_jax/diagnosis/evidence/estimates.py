@@ -1,7 +1,5 @@
 """Fitted coordinates and coefficients as parameters of the catalogue, with standard errors and their correlations."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

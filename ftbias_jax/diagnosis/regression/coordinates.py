@@ -14,15 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue, neutral_values
-from ftbias_jax.model.effects.fitting import (
-    BY_COORDINATES,
-    INVERSE,
-    LINEAR,
-    LOGARITHM,
-    ByJoint,
-    Coordinate,
-    Samples,
-)
+from ftbias_jax.model.effects.fitting import BY_COORDINATES, INVERSE, LINEAR, LOGARITHM, ByJoint, Coordinate, Samples
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter
 from ftbias_jax.types import Array
 

@@ -1,7 +1,5 @@
 """When terms come into a diagnosis, and beside which effects of the catalogue."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Terms fitted beside the effects of the catalogue: Gauss-Newton in what is not linear, the rest is solved for."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Terms as the result tells them: numbers with standard errors, words, what to check, and what the plot shows."""
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 

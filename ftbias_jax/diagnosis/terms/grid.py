@@ -3,8 +3,6 @@
 With them what stands out in the spectrum of the innovations: lines in time, and in the angle of a joint.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product

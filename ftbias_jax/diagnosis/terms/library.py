@@ -1,7 +1,5 @@
 """The grid's terms whitened once, and what each of them gains beside a fit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple

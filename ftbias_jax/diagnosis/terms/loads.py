@@ -1,7 +1,5 @@
 """Loads that are taken up and put down: whether they are all that a log shows, and what touches them meanwhile."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which terms describe what the catalogue does not explain: the best one added while it earns it on unseen blocks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

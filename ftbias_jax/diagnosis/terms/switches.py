@@ -1,7 +1,5 @@
 """What is switched on and off: the times at which that which a fit leaves changes its level, by exact segmentation."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from itertools import pairwise, product
 from typing import NamedTuple

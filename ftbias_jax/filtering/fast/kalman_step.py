@@ -15,17 +15,7 @@ from jax import Array
 
 from ftbias_jax.filtering.process_models import FORGET, Gated, ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole
-from ftbias_jax.runtime.lanes import (
-    Rows,
-    Vector,
-    congruence,
-    from_upper,
-    joseph,
-    plus,
-    symmetric,
-    times,
-    upper,
-)
+from ftbias_jax.runtime.lanes import Rows, Vector, congruence, from_upper, joseph, plus, symmetric, times, upper
 
 Packed = tuple[Vector, Vector]
 """A state between two samples: the mean, and the upper triangle of the covariance row by row."""

@@ -156,7 +156,7 @@ def _loop(model: ProcessModel, keep: Callable[[Step], Any]) -> Callable[[Inputs]
             step = filter_step(model, driven(inputs.density, drive), restart, before, dt, y, variance)
             return (step.mean, upper(step.covariance)), keep(step)
 
-        samples = inputs.dt, _entries(inputs.y), _entries(inputs.variance), inputs.drive
+        samples = inputs.dt, entries(inputs.y), entries(inputs.variance), inputs.drive
         return jax.lax.scan(body, start, samples)
 
     return loop
@@ -274,7 +274,7 @@ def undriven(slope: Any, drive: dict[str, Array] | None) -> tuple[Any, dict[str,
     return alone, drive and {name: getattr(slope, name) for name in drive}
 
 
-def _entries(x: Array) -> Vector:
+def entries(x: Array) -> Vector:
     """(T, m, B) -> m arrays (T, B)."""
     return [x[:, j] for j in range(x.shape[1])]
 
