@@ -77,13 +77,7 @@ class Fit(NamedTuple):
 
 
 def make_layout(t: Array, log: Array, axes: Array) -> Layout:
-    """Bias, drift and blocks of bins.
-
-    Args:
-        t: (N,) s.
-        log: (N,) number of the log that each belongs to.
-        axes: (6,) which axes are measured.
-    """
+    """Bias, drift and blocks of bins at t (N,) s, of logs with these numbers (N,); ``axes`` (6,) are those measured."""
     columns, blocks, count = [], np.zeros(len(t), int), 0
     for number in np.unique(log):
         rows = np.flatnonzero(log == number)

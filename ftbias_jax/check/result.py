@@ -134,11 +134,7 @@ class Check:
         return {"ok": self.ok, "findings": findings, "evidence": dict(self.evidence), "undetermined": unseen}
 
     def to_json(self, path: str | os.PathLike[str], origin: Provenance | None = None) -> None:
-        """Write the findings for programs, whole or not at all.
-
-        Args:
-            path: the file to make or replace.
-            origin: what they were made from.
+        """Write the findings, and what they were made from, for programs, whole or not at all.
 
         Raises:
             OutputError: the file cannot be written.

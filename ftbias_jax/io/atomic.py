@@ -37,15 +37,10 @@ def plain(value: Any) -> Any:
 
 
 def read_json(path: str, what: str, refusal: type[FtbiasError] = LogError) -> Any:
-    """What a JSON file holds.
-
-    Args:
-        path: of the file.
-        what: it should be, for messages.
-        refusal: the error to raise.
+    """What a JSON file holds; ``what`` it should be is for messages.
 
     Raises:
-        FtbiasError: it cannot be read, is larger than MAX_JSON, or is no JSON.
+        FtbiasError: of the kind ``refusal``: it cannot be read, is larger than MAX_JSON, or is no JSON.
     """
     try:
         with open(path, "rb") as file:

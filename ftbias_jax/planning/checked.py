@@ -61,14 +61,7 @@ def excess_at_rest(task: Task, catalogue: Catalogue) -> Float[np.ndarray, " 4"]:
 def within_limits(
     task: Task, coefficients: Float[np.ndarray, "n M"], duration: float, catalogue: Catalogue
 ) -> Float[np.ndarray, "n M"]:
-    """Coefficients of the same motion, joint by joint as large as its limits let it be, and as the space lets it.
-
-    Args:
-        task: with the limits.
-        coefficients: (n, M) of the motion.
-        duration: s.
-        catalogue: of the setup.
-    """
+    """Coefficients (n, M) of the same motion, joint by joint as large as the limits, and the space, let it be."""
     at = partial(motion_at, times(duration), duration, task.start)
     scale = (1 - ROUNDING) / np.maximum(shares(task.limits, task.start, at(coefficients)).max(0), ROUNDING)
 

@@ -56,11 +56,7 @@ class Plan:
     """That it took."""
 
     def at(self, t: np.ndarray) -> Motion:
-        """The motion at any times t (T,) s; before and after it the arm stands still.
-
-        Args:
-            t: (T,) s since its start.
-        """
+        """The motion at any times t (T,) s since its start; before and after it the arm stands still."""
         return motion_at(np.asarray(t, float), self.options.duration, self.motion.q[0], self.coefficients)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -81,9 +77,6 @@ class Plan:
 
     def to_html(self, path: str | os.PathLike[str]) -> None:
         """Write a page: what the motion will tell, its path, and the limits it uses.
-
-        Args:
-            path: of the page.
 
         Raises:
             OutputError: the file cannot be written there.

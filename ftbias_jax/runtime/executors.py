@@ -95,10 +95,8 @@ def _in_float64(work: Callable[[Task], Result], bundle: Iterable[Task]) -> tuple
 def run_each(work: Callable[[Task], Result], tasks: Iterable[Task], jobs: int) -> Iterator[tuple[Task, Result | None]]:
     """Every task with its result as it gets ready, or with None if its process was killed.
 
-    Args:
-        work: what to do; for several processes it can be pickled.
-        tasks: each once.
-        jobs: how many at a time; 1 = in this process, where JAX is as the caller prepared it.
+    So many ``jobs`` are done at a time, by work that can be pickled; with 1 in this process, where JAX is as the caller
+    prepared it.
     """
     if jobs == 1:
         yield from ((task, work(task)) for task in tasks)

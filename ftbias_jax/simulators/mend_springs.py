@@ -25,19 +25,12 @@ JOINT = 'armature="0" frictionloss="0" limited="false" ref="0" springref="0"'
 
 
 def on_springs(texts: Texts, physics: Physics, bodies: dict[int, RigidBody]) -> tuple[str, dict[int, RigidBody]]:
-    """Hang a part of the tool on springs.
+    """Hang a part of the tool on springs: what hinders it, or "", and the bodies of the tool that the scene has not so.
 
     The part is like the whole tool but for its mass, has the largest share that moves in any way, and a slide or hinge
-    for each way. Where ways have different shares s, springs are such that slow motion makes the same of each,
-    k = S^2 M W^2 / s, and exactly such at S = s.
-
-    Args:
-        texts: of the scene.
-        physics: of the robot.
-        bodies: of the tool, in the site's frame, that are not as the scene has them.
-
-    Returns:
-        What hinders it, or "", and the bodies of the tool that are then not as the scene has them.
+    for each way. Where ways have different shares s, springs are such that slow motion makes the same of each, k = S^2
+    M W^2 / s, and exactly such at S = s. The bodies, in the site's frame, are those that are not as the scene has them,
+    before and after.
     """
     values, scene = physics.flexibility, texts.scene
     if values is None or not np.isfinite(values["frequency"]) or values["share"].max() < LEAST_SHARE:

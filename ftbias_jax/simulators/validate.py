@@ -68,12 +68,7 @@ def validate(
 ) -> Validation:
     """Replay recordings in a scene as it was and as it was mended, with the errors of the sensor that were found.
 
-    Args:
-        setup: of the scene as it was.
-        mended: the setup with what was found.
-        logs: others than those of the diagnosis.
-        scenes: as it was, and mended.
-        progress: called with the name of each stage as it begins.
+    The logs are others than those of the diagnosis; ``progress`` is called with the name of each stage as it begins.
     """
     progress("replaying the logs")
     of_sensor = {name: x for name, x in without_drag(mended.effects).items() if name in (*EFFECTS, TERM)}

@@ -31,17 +31,13 @@ class Element(NamedTuple):
 
 
 class Document:
-    """An XML file whose text is changed; ``text`` is what comes of it."""
+    """An XML file whose text is changed; ``text`` is what comes of it.
+
+    Raises:
+        SetupError: it cannot be read, is no XML, defines entities, or is not UTF-8.
+    """
 
     def __init__(self, file: str) -> None:
-        """Read a file.
-
-        Args:
-            file: its path.
-
-        Raises:
-            SetupError: it cannot be read, is no XML, defines entities, or is not UTF-8.
-        """
         self.file = file
         self.content = read_file(file, MAX_BYTES, "give the path of an XML file", "give an XML file, not a mesh")
         parse_xml(self.content, file, "an XML file", MAX_DEPTH)
@@ -124,15 +120,9 @@ def _elements(content: bytes) -> list[Element]:
 
 
 class Texts:
-    """The documents that the scene of an MJCF is made of."""
+    """The documents that the scene of an MJCF is made of; ``output`` is where the changed scene will be."""
 
     def __init__(self, scene: Mjcf, output: str) -> None:
-        """Read them.
-
-        Args:
-            scene: as it is.
-            output: where the changed scene will be.
-        """
         self.scene, self.output = scene, output
         self.documents = [Document(scene.file)]
         folder = os.path.dirname(scene.file)
