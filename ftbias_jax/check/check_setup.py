@@ -102,7 +102,7 @@ def require_right(
 ) -> None:
     """Refuse a setup that the logs show to be wrong, or that leaves nothing to look for.
 
-    The logs have no samples of stuck and clipped axes any more, and are not looked at if they are to stay ``unchecked``.
+    The logs have no samples of stuck and clipped axes, and are not looked at if they are to stay ``unchecked``.
     The command, tune, identify or diagnose, may be there to mend the mistakes ``looked_for``.
 
     Raises:
