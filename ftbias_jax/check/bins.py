@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.pose import product
+from ftbias_jax.io.pose import interpolated, product
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -169,10 +169,7 @@ def _line(values: Array, u: Array, first: Array, at: Array) -> tuple[Array, Arra
 
 def _gyroscope(log: Log, setup: Setup, u: Array, first: Array, at: Array) -> Array | None:
     """The rates that a recording had before they were turned into rates of the quaternion (``io.pose``)."""
-    known, rated = (np.isfinite(x[:, :4]).all(1) for x in (log.q, log.dq))
-    if not rated.any() or not known.any():
+    if not all(np.isfinite(x[:, :4]).all(1).any() for x in (log.q, log.dq)):
         return None
-    between = np.stack([np.interp(log.t, log.t[known], column) for column in log.q[known, :4].T], 1)
-    between /= np.linalg.norm(between, axis=1, keepdims=True)
-    turn = 2 * product(between * [1, -1, -1, -1], log.dq[:, :4])[:, 1:]
+    turn = 2 * product(interpolated(log.q[:, :4], log.t) * [1, -1, -1, -1], log.dq[:, :4])[:, 1:]
     return _line(turn @ setup.sensor.rotation, u, first, at)[0]

@@ -102,12 +102,8 @@ def require_right(
 ) -> None:
     """Refuse a setup that the logs show to be wrong, or that leaves nothing to look for.
 
-    Args:
-        setup: of the logs.
-        logs: without the samples of stuck and clipped axes.
-        command: what it is wanted for: tune, identify or diagnose.
-        unchecked: do not look at the logs.
-        looked_for: mistakes that the command is asked to mend.
+    The logs have no samples of stuck and clipped axes, and are not looked at if they are to stay ``unchecked``.
+    The command, tune, identify or diagnose, may be there to mend the mistakes ``looked_for``.
 
     Raises:
         UsageError: the tool is looked for in a reading from which the controller has subtracted it.
@@ -129,12 +125,7 @@ def require_right(
 
 
 def check_case(case: Case | None, setup: Setup) -> Check:
-    """The same from bins; None = too few of them.
-
-    Args:
-        case: of ``case_of_bins``.
-        setup: of the logs.
-    """
+    """The same from bins; None = too few of them."""
     if case is None:
         return Check((), {}, setup.path, all_undetermined(pose=setup.pose is not None))
     checks: list[Check] = []
@@ -157,13 +148,7 @@ def check_case(case: Case | None, setup: Setup) -> Check:
 
 
 def check_parts(setup: Setup, parts: Callable[[int], Iterator[Log]], length: int) -> Check:
-    """The same of one log that is read in parts; of a long one some parts are looked at.
-
-    Args:
-        setup: of the log.
-        parts: reads the log in parts of so many samples.
-        length: samples of the log.
-    """
+    """The same of one log of ``length`` samples that is read in parts; of a long one some parts are looked at."""
     if length <= PART:
         return check_setup(setup, [next(parts(length))])
     every = max(1, length // PART // MOST_PARTS)

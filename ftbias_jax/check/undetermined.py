@@ -74,11 +74,9 @@ class Imagined:
 
 
 def undetermined(base: Evidence, *, tool_is_stated: bool) -> tuple[Undetermined, ...]:
-    """Mistakes that could not be found in the logs.
+    """Mistakes that could not be found in the logs, beside those that were found and mended.
 
-    Args:
-        base: the setup, without the mistakes that were found.
-        tool_is_stated: otherwise the logs' own tool was taken, and units of force cannot be told.
+    Where the tool is not stated, that of the logs was taken, and units of force cannot be told.
     """
     state = base.state
     setup = state.case.setup

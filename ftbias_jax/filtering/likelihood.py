@@ -21,8 +21,7 @@ from ftbias_jax.filtering.process_models import JOINT_MODELS, BiasStrength, Proc
 from ftbias_jax.filtering.smoother import smooth_joint_tracks
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.tool_wrench import unbias
-from ftbias_jax.runtime.compiled_loops import on_cpu
-from ftbias_jax.runtime.pieces import over_pieces
+from ftbias_jax.runtime.compiled_loops import on_cpu, over_pieces
 from ftbias_jax.types import Gaussian, Sample
 
 JAX_SAYS = ("can't apply forward-mode", "Linearization failed")

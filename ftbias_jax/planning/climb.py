@@ -241,15 +241,7 @@ def with_nearest(task: Task, coefficients: np.ndarray, names: tuple[str, ...], c
 def best_shape(
     task: Task, names: tuple[str, ...], catalogue: Catalogue, seed: int, progress: Callable[[float], None]
 ) -> np.ndarray:
-    """Numbers (n, M) of the best motion found, for ``shape.within``.
-
-    Args:
-        task: what is asked, where, with which noise.
-        names: of what is asked.
-        catalogue: of the setup.
-        seed: of the starts.
-        progress: called with the share that is done.
-    """
+    """Numbers (n, M) of the best motion found, for ``shape.within``; ``progress`` gets the share that is done."""
     count, size = task.points.basis.shape[2], len(task.start)
     starts = random_shapes(seed, STARTS, size, (count - 1) // 2)
     total, done = STARTS * FEW_STEPS + FINALISTS * CALLS, 0

@@ -171,18 +171,11 @@ def columns_of_log(
 
 
 def information_of_logs(problem: Problem, names: tuple[str, ...], numbers: Any) -> Float[np.ndarray, "C C"]:
-    """(C, C) products of the columns in standard deviations of the noise that recorded logs show.
-
-    Args:
-        problem: the logs.
-        names: of what is asked for.
-        numbers: as of ``asked.columns``.
-    """
+    """(C, C) products of ``asked.columns`` in standard deviations of the noise that recorded logs show."""
     told = []
     for part in problem.parts:
         made = columns_of_log(part.signals, problem.known, numbers, names=names, catalogue=problem.catalogue)
         white = part.whiten(np.asarray(made)[:, : part.used])
         flat = white.reshape(len(white), -1)
         told.append(flat @ flat.T)
-    whole: np.ndarray = np.sum(told, axis=0)
-    return whole
+    return np.sum(told, axis=0)

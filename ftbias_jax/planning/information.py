@@ -32,10 +32,7 @@ def bias_shapes(
 ) -> Nuisance:
     """Of the bias process of ``process_models.drift_noise`` at times t (U,) s.
 
-    Args:
-        t: s.
-        density: (6,) sigma_Q.
-        prior_std: (12,) square root of P_0, bias then drift.
+    The density (6,) is sigma_Q; prior_std (12,) is the square root of P_0, bias then drift.
     """
     t = np.asarray(t, float) - t[0]
     low, high = np.minimum.outer(t, t), np.maximum.outer(t, t)

@@ -149,13 +149,7 @@ SPACE = ("box", "floor", "orientation", "wrench")
 
 
 def check_start(limits: Limits, start: np.ndarray, names: tuple[str, ...], at_rest: np.ndarray) -> None:
-    """Refuse a first pose that is outside of the limits already.
-
-    Args:
-        limits: of the plan.
-        start: (n,) rad.
-        names: of the joints.
-        at_rest: (4,) ``excess`` in that pose.
+    """Refuse a first pose (n,) rad that is outside of the limits already; ``at_rest`` (4,) is the ``excess`` there.
 
     Raises:
         UsageError: a joint, or a point, is where it may not be.

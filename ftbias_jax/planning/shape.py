@@ -119,5 +119,4 @@ def random_shapes(key: int, count: int, joints: int, harmonics: int) -> Float[np
     rng = np.random.default_rng(key)
     order = np.arange(1, harmonics + 1)
     size = np.concatenate([[0.5], *[np.exp(-order / (0.3 * harmonics)) / np.sqrt(order)] * 2])
-    shapes: np.ndarray = rng.normal(size=(count, joints, 2 * harmonics + 1)) * size
-    return shapes
+    return rng.normal(size=(count, joints, 2 * harmonics + 1)) * size

@@ -104,8 +104,7 @@ def same_precision(function: Callable[P, R]) -> Callable[P, R]:
 
 def _precision(wide: bool) -> AbstractContextManager[object]:
     # Where nothing changes nothing is set: JAX would trace its programs again.
-    context: AbstractContextManager[object] = nullcontext() if wide == is_wide() else jax.enable_x64(wide)
-    return context
+    return nullcontext() if wide == is_wide() else jax.enable_x64(wide)
 
 
 def is_wide() -> bool:

@@ -17,9 +17,8 @@ from ftbias_jax.fleet.find import is_folder
 from ftbias_jax.fleet.quality import of_diagnosis
 from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.outputs import output_of_setup
 from ftbias_jax.io.remote import is_url
-from ftbias_jax.io.write.ours import DIAGNOSIS, PAGE, SETUP
+from ftbias_jax.io.write.outputs import DIAGNOSIS, PAGE, SETUP, output_of_setup
 from ftbias_jax.io.write.provenance import FIRST_DATE, LAST_DATE
 from ftbias_jax.runtime.imports import many_imports
 from ftbias_jax.runtime.progress import Stages

@@ -13,8 +13,8 @@ from ftbias_jax.filtering.params_for_log import MOST_SAMPLES, guard_against_lag,
 from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.filtering.smoother import smooth_back
 from ftbias_jax.model.effects import compose
+from ftbias_jax.runtime.compiled_loops import over_pieces
 from ftbias_jax.runtime.lanes import upper
-from ftbias_jax.runtime.pieces import over_pieces
 from ftbias_jax.types import Array, Gaussian, Sample
 
 
