@@ -13,16 +13,7 @@ from ftbias_jax.check.alternatives import all_alternatives
 from ftbias_jax.check.bins import WIDTH, Bins, bins_of, join_bins
 from ftbias_jax.check.contact import UNTOUCHED, is_feigned, stamped, untouched
 from ftbias_jax.check.findings import absence, clocks, named, numbers, of_bias
-from ftbias_jax.check.judge import (
-    BAD,
-    TIE,
-    Evidence,
-    best_alternatives,
-    decisively,
-    is_pulled,
-    score,
-    slightly,
-)
+from ftbias_jax.check.judge import BAD, TIE, Evidence, best_alternatives, decisively, is_pulled, score, slightly
 from ftbias_jax.check.mounts import mount_in_degrees
 from ftbias_jax.check.regression import TRIMS, no_tool
 from ftbias_jax.check.result import Check, Mistake
