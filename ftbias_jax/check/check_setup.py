@@ -223,11 +223,8 @@ def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:
         convention, state, result = min(ties, key=lambda entry: sum(vars(entry[0]).values()))
         for mistake, remedy, setup in convention.findings(pose):
             found.append(Mistake(mistake, numbers(first, result), remedy, setup))
-    in_g = poses.accelerometer_remedy(state)
-    for of_imu in (poses.gyroscope_remedy(state), in_g):
-        if of_imu is not None:
-            words, ratio, mend = of_imu
-            found.append(Mistake("gyroscope_units", ratio, words, mend))
+    in_g = poses.accelerometer_mistake(state)
+    found += [mistake for mistake in (poses.gyroscope_mistake(state), in_g) if mistake is not None]
     if in_g is not None and state.specific_force is not None:
         state = state.but(specific_force=9.80665 * state.specific_force)
     return state, found
