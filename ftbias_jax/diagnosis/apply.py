@@ -33,7 +33,7 @@ def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[Found
         causes: their values replace those the setup has for the same effect.
         terms: come after those that the setup has.
     """
-    from ftbias_jax.model.effects.terms.parse import NAME as TERM
+    from ftbias_jax.model.effects.terms.parse import TERM
 
     causes = [cause for cause in causes if not _refusal(setup, {cause.effect: cause.parameters})]
     setup, causes = _with_tool(setup, causes)
@@ -71,7 +71,7 @@ def _with_tool(setup: Setup, causes: Sequence[Candidate]) -> tuple[Setup, list[C
 
 def refused(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm] = ()) -> tuple[str, ...]:
     """Why no setup can state some causes or terms: a value that fits the log may be outside the catalogue's bounds."""
-    from ftbias_jax.model.effects.terms.parse import NAME as TERM
+    from ftbias_jax.model.effects.terms.parse import TERM
 
     sections: list[dict[str, Any]] = [{cause.effect: cause.parameters} for cause in causes]
     sections += [{TERM: [term.section]} for term in terms]

@@ -34,7 +34,7 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.model.effects.catalogue import check_names
 from ftbias_jax.model.effects.fitting import GROWTH, LEVEL
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.model.own_effects import catalogue_of_setup, not_shown
 from ftbias_jax.runtime.jax_config import in_float64

@@ -20,7 +20,7 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.io.cleaning import slices, survey
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.fitting import SUDDEN
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent

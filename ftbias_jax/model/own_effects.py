@@ -20,8 +20,7 @@ import numpy as np
 from ftbias_jax.errors import FtbiasError, SetupError, UsageError
 from ftbias_jax.model.effects import fitting
 from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
-from ftbias_jax.model.effects.terms.parse import MakeError
+from ftbias_jax.model.effects.terms.parse import TERM, MakeError
 from ftbias_jax.model.effects.types import Effect, Parameter
 from ftbias_jax.setup.types import Setup
 

@@ -24,8 +24,7 @@ from ftbias_jax.model.effects.catalogue import (
     values_from_setup,
     values_of,
 )
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
-from ftbias_jax.model.effects.terms.parse import flat_numbers
+from ftbias_jax.model.effects.terms.parse import TERM, flat_numbers
 from ftbias_jax.model.effects.types import Effect, Model, Values
 from ftbias_jax.model.own_effects import catalogue_of_setup, check_shown
 from ftbias_jax.model.params import params_from_setup

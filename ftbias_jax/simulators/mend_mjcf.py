@@ -7,7 +7,7 @@ included files is changed in copies of these.
 
 import numpy as np
 
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.setup.bodies import RigidBody, joined
 from ftbias_jax.setup.mjcf import Mjcf, distal_body, mjcf_robot
 from ftbias_jax.setup.rotations import quaternions_of

@@ -8,7 +8,7 @@ import numpy as np
 from ftbias_jax.errors import SetupError
 from ftbias_jax.model.effects.catalogue import complete, values_from_setup
 from ftbias_jax.model.effects.compose import transform
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import params_from_setup

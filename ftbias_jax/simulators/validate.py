@@ -13,7 +13,7 @@ from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS
 from ftbias_jax.io.atomic import plain
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.mjcf import Mjcf

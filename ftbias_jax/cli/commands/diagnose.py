@@ -112,7 +112,7 @@ def _command(paths: list[str], setup: str, pool: str | None = None) -> str:
 def _with_effects(arguments: argparse.Namespace, setup: Setup) -> Setup:
     """The setup with the effects that the caller brings; those to leave out are known."""
     from ftbias_jax.model.effects.catalogue import check_names
-    from ftbias_jax.model.effects.terms.parse import NAME as TERM
+    from ftbias_jax.model.effects.terms.parse import TERM
     from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
 
     setup = setup.with_effects(load_all(tuple(arguments.own_effects)))

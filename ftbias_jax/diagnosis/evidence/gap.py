@@ -10,7 +10,7 @@ from ftbias_jax.diagnosis.evidence.estimates import parameters
 from ftbias_jax.diagnosis.hypothesis import moments
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.design_matrix import Columns, change, step_and_gain
-from ftbias_jax.diagnosis.regression.fit import Fit, stepped
+from ftbias_jax.diagnosis.regression.fit import Fit, compared, stepped
 from ftbias_jax.diagnosis.result import Gap, LogGap
 
 
@@ -40,11 +40,10 @@ class Judge:
             self._errors[id(fit)] = fit, unseen_error(self._problem, fit)
         _, error = self._errors[id(fit)]
         block, duration = self._problem.block(thresholds.BLOCK_SECONDS), max(self._problem.duration, 1e-9)
-        gains = np.bincount(block, (reference**2 - error**2).sum(1) / 2)
         # The change of the prediction, s = r - e, gains s^2 / 2 + s e: of these only s e is chance.
         chance = np.bincount(block, ((reference - error) * error).sum(1))
-        stderr, by_noise = np.sqrt(len(gains)) * gains.std(), np.sqrt((chance**2).sum())
-        return HeldOut(error, *(float(x / duration) for x in (gains.sum(), stderr, by_noise)))
+        numbers = (*compared(self._problem, error, reference), np.sqrt((chance**2).sum()))
+        return HeldOut(error, *(float(x / duration) for x in numbers))
 
 
 def unseen_error(problem: Problem, fit: Fit) -> np.ndarray:

@@ -4,9 +4,7 @@ A linear series has a coefficient for every channel, and a channel's coefficient
 stands for six columns, each of them zero in five channels, and products with them are worked out channel by channel.
 """
 
-from __future__ import annotations
-
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -29,9 +27,9 @@ class Columns(NamedTuple):
         """K."""
         return len(self.moving) + 6 * len(self.series)
 
-    def at(self, rows: np.ndarray) -> Columns:
+    def at(self, rows: np.ndarray) -> Self:
         """Those of some bins, chosen by a mask or by indices (U,)."""
-        return Columns(self.moving[:, rows], self.series[:, rows])
+        return self._replace(moving=self.moving[:, rows], series=self.series[:, rows])
 
 
 def products(own: Columns, others: np.ndarray) -> np.ndarray:

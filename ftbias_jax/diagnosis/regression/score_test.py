@@ -1,8 +1,6 @@
 """What further columns and series would gain on top of a fit, to first order: none of them is fitted for it."""
 
-from __future__ import annotations
-
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -68,7 +66,7 @@ class PreparedFit(NamedTuple):
     step: np.ndarray
     """(K,) change of its own numbers that brings the error nearest to zero: next to nothing at the fit's end."""
 
-    def at(self, error: np.ndarray) -> PreparedFit:
+    def at(self, error: np.ndarray) -> Self:
         """The same fit with other innovations (U, 6)."""
         pull = products(self.fit.columns, error[None])[0]
         step = -self.information.solve(pull[:, None])[:, 0]

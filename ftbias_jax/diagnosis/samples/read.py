@@ -5,9 +5,7 @@ it grows with the rate of the wrench or with the speed of the joints. Floors on 
 matters to the owner.
 """
 
-from __future__ import annotations
-
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -47,12 +45,12 @@ class Samples(NamedTuple):
     speed: np.ndarray
     """(N, n) rad/s, of the joints; n = 0 if there are none."""
 
-    def only(self, keep: np.ndarray) -> Samples:
+    def only(self, keep: np.ndarray) -> Self:
         """The rows marked in (N,)."""
         per_row = ("row", "t", "wrench", "error", "rate", "speed")
         return self._replace(**{name: getattr(self, name)[keep] for name in per_row})
 
-    def at_rest(self, growth: MotionNoise) -> Samples:
+    def at_rest(self, growth: MotionNoise) -> Self:
         """The fast part of the error with the noise that it would have at rest; growth: per variance at rest."""
         if not self.speed.size or not growth.per_speed.any():
             return self

@@ -37,7 +37,6 @@ class Inputs(NamedTuple):
     mean: Float[Array, "k B"]
     """(k, B) state before the first sample."""
     covariance: Float[Array, "k k B"]
-    """(k, k, B)."""
     restart_variance: Float[Array, "k B"]
     """(k, B) a filter that knows its first two entries less well starts again from this, at rest; inf = never."""
     drive: Any = None
@@ -48,9 +47,7 @@ class Track(NamedTuple):
     """The filters at every sample, after its correction."""
 
     mean: Float[Array, "T k B"]
-    """(T, k, B)."""
     covariance: Float[Array, "T k k B"]
-    """(T, k, k, B)."""
     innovation: Float[Array, "T m B"]
     """(T, m, B) measurement minus prediction, 0 where missing."""
     innovation_variance: Float[Array, "T m B"]
@@ -65,9 +62,7 @@ class Smoothed(NamedTuple):
     """The filters at every sample, given the whole log."""
 
     mean: Float[Array, "T k B"]
-    """(T, k, B)."""
     covariance: Float[Array, "T k k B"]
-    """(T, k, k, B)."""
 
 
 class States(NamedTuple):

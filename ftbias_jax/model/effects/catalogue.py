@@ -16,8 +16,7 @@ import numpy as np
 
 from ftbias_jax.errors import FtbiasError, SetupError, UsageError
 from ftbias_jax.model.effects import bias, environment, kinematics, sampling, sensor, tool
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
-from ftbias_jax.model.effects.terms.parse import MakeError, parse_terms
+from ftbias_jax.model.effects.terms.parse import TERM, MakeError, parse_terms
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Values
 from ftbias_jax.setup.fields import nearest, show
 from ftbias_jax.types import Array

@@ -13,7 +13,7 @@ from ftbias_jax.model.effects.catalogue import CATALOGUE, catalogue_of, complete
 from ftbias_jax.model.effects.terms.columns import change, state_of
 from ftbias_jax.model.effects.terms.columns import noise_variance as term_noise
 from ftbias_jax.model.effects.terms.forms import FORMS
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.model.effects.types import Effect, Model, Record, Signals, Values, motion_of
 from ftbias_jax.model.wrench.batch import wrenches_in_motion
 from ftbias_jax.types import Array

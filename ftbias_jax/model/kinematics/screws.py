@@ -30,7 +30,6 @@ class Motion(NamedTuple):
     """Pose, twist and acceleration of the sensor frame with respect to the base, in base coordinates."""
 
     R_base_sensor: Float[Array, "3 3"]
-    """(3, 3)."""
     p_base_sensor: Float[Array, " 3"]
     """(3,) m."""
     linear_velocity: Float[Array, " 3"]

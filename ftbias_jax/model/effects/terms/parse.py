@@ -11,7 +11,7 @@ from ftbias_jax.model.effects.terms.forms import DRIVES, FORMS
 from ftbias_jax.model.effects.terms.types import ACTS_AS, FRAMES, Parameter, Term
 from ftbias_jax.setup.fields import nearest, show
 
-NAME = "term"
+TERM = "term"
 """Of the effect."""
 FIXED = ("drive", "form", "frame", "acts_as", "joint", "columns", "point", "coefficients", "text")
 
