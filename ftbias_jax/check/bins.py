@@ -132,16 +132,14 @@ def _parabola(
     weight = (noise[0] / (noise[1] * half)) ** 2
     prior = [(noise[0] / (SPEED * half)) ** 2, (2 * noise[0] / (ACCELERATION * half**2)) ** 2]
     normal = np.empty((len(first), x.shape[1], 3, 3))
+    right = np.stack([_sums(x * power, first) for power in powers[:3]], -1)
     for i in range(3):
         for j in range(3):
             normal[..., i, j] = S[i + j]
-    normal[..., 1, 1] += weight * V[0] + prior[0]
-    normal[..., 1, 2] += 2 * weight * V[1]
-    normal[..., 2, 1] += 2 * weight * V[1]
-    normal[..., 2, 2] += 4 * weight * V[2] + prior[1]
-    right = np.stack([_sums(x * power, first) for power in powers[:3]], -1)
-    right[..., 1] += weight * _sums(v, first)
-    right[..., 2] += 2 * weight * _sums(v * u, first)
+            if i and j:  # the slope of u^i is i u^(i - 1)
+                normal[..., i, j] += i * j * weight * V[i + j - 2] + (i == j) * prior[i - 1]
+        if i:
+            right[..., i] += i * weight * _sums(v * powers[i - 1], first)
     empty = np.broadcast_to(S[0] == 0, right.shape[:2])
     normal[empty] = np.eye(3)
     c = np.linalg.solve(normal, right[..., None])[..., 0]

@@ -13,16 +13,7 @@ from ftbias_jax.check.alternatives import all_alternatives
 from ftbias_jax.check.bins import WIDTH, Bins, bins_of, join_bins
 from ftbias_jax.check.contact import UNTOUCHED, is_feigned, stamped, untouched
 from ftbias_jax.check.findings import absence, clocks, named, numbers, of_bias
-from ftbias_jax.check.judge import (
-    BAD,
-    TIE,
-    Evidence,
-    best_alternatives,
-    decisively,
-    is_pulled,
-    score,
-    slightly,
-)
+from ftbias_jax.check.judge import BAD, TIE, Evidence, best_alternatives, decisively, is_pulled, score, slightly
 from ftbias_jax.check.mounts import mount_in_degrees
 from ftbias_jax.check.regression import TRIMS, no_tool
 from ftbias_jax.check.result import Check, Mistake
@@ -232,11 +223,8 @@ def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:
         convention, state, result = min(ties, key=lambda entry: sum(vars(entry[0]).values()))
         for mistake, remedy, setup in convention.findings(pose):
             found.append(Mistake(mistake, numbers(first, result), remedy, setup))
-    in_g = poses.accelerometer_remedy(state)
-    for of_imu in (poses.gyroscope_remedy(state), in_g):
-        if of_imu is not None:
-            words, ratio, mend = of_imu
-            found.append(Mistake("gyroscope_units", ratio, words, mend))
+    in_g = poses.accelerometer_mistake(state)
+    found += [mistake for mistake in (poses.gyroscope_mistake(state), in_g) if mistake is not None]
     if in_g is not None and state.specific_force is not None:
         state = state.but(specific_force=9.80665 * state.specific_force)
     return state, found

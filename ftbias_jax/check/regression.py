@@ -126,11 +126,8 @@ def exactly(tool: Tool) -> Tool:
 def fit(D: Array, wrench: Array, tool: Tool, layout: Layout) -> Fit:
     """Least squares of W = D theta - b with theta within the tool's reach, b free, and the worst bins left out.
 
-    Args:
-        D: (N, 6, 10); (N, 6, k) with columns of more than a tool, which theta and reach then have, too.
-        wrench: (N, 6) N, Nm.
-        tool: where theta may lie.
-        layout: bias, drift and blocks.
+    D is (N, 6, 10), or (N, 6, k) with columns of more than a tool, which theta and reach then have, too; the wrench W
+    is (N, 6) N, Nm.
     """
     D = D * layout.axes[:, None]
     # Typical size of force and torque without their bias, N and Nm: the weights of the two.

@@ -105,11 +105,7 @@ class Check:
         return [(first.pop() if first else "also ") + str(finding) for finding in self.findings]
 
     def require_ok(self, command: str = "", looked_for: Collection[str] = ()) -> None:
-        """Refuse a setup that is wrong.
-
-        Args:
-            command: what it is wanted for; ``identify`` may start from a tool that is wrong.
-            looked_for: further mistakes that it is there to mend.
+        """Refuse a setup that is wrong, but for mistakes that a command is there to mend, or that are ``looked_for``.
 
         Raises:
             SetupError: the setup is wrong, and says what to write into it.

@@ -110,9 +110,8 @@ class State:
     def fit_force(self, tool: Tool | None = None, *, pulled: bool = False) -> Result:
         """The same of the force alone, in the units of ``wrench``.
 
-        Args:
-            tool: None = the nominal one.
-            pulled: with a steady force along axes of the base beside the tool, as of a weight balancer on a trolley.
+        It may be ``pulled`` by a steady force along axes of the base beside the tool, as of a weight balancer on a
+        trolley.
         """
         force = np.arange(6) < 3
         D, tool = self.data, self.tool if tool is None else tool

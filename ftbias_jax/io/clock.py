@@ -91,8 +91,7 @@ def as_stamps(t: Array, *, file: str = "", field: str = "t") -> Array:
 def stamps_of(t: Array, log: LogSetup) -> Array:
     """(T,) stamps as floating point in s or integers in ns, from the unit that the setup states.
 
-    Whole numbers of a small unit, such as microseconds since 1970, become integers: their nanoseconds do not fit a
-    floating-point number.
+    Whole numbers of a small unit, such as microseconds since 1970, become integers: no float holds their nanoseconds.
     """
     t = np.asarray(t)
     if log.time_unit is None or t.dtype.kind not in "fiu":

@@ -18,7 +18,6 @@ MOST_HARMONICS = 64
 SHARPNESS = 40.0
 """Exponent of the norm that stands for the largest share: it exceeds it by a twentieth or so, and has a derivative."""
 
-
 ROWS = 8192
 """Times at which a motion is worked out together."""
 

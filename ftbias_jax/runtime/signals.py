@@ -28,10 +28,9 @@ _ending = threading.Event()
 
 
 def end_on_signals(message: str = "") -> None:
-    """From now on, end this process when it is interrupted or terminated; to be called in the main thread.
+    """From now on, end this process when it is interrupted or terminated, with a message on standard error.
 
-    A signal that was ignored when the process started, as under nohup, stays ignored. The message goes to standard
-    error.
+    To be called in the main thread. A signal that was ignored when the process started, as under nohup, stays ignored.
     """
     listen, tell = os.pipe()
     os.set_blocking(tell, False)

@@ -185,7 +185,6 @@ def _mend_cable(texts: Texts, physics: Physics) -> str:
     if near is None or far is None:
         return "the bodies at its ends are not in the files"
     data = scene.in_reference_pose()
-
     to_world = data.xmat[scene.base].reshape(3, 3)
     ends = {
         "ftbias_cable_near": (*near, scene.body, in_world(data, scene, physics, cable["attachment"])),

@@ -28,9 +28,8 @@ def on_springs(texts: Texts, physics: Physics, bodies: dict[int, RigidBody]) -> 
     """Hang a part of the tool on springs: what hinders it, or "", and the bodies of the tool that the scene has not so.
 
     The part is like the whole tool but for its mass, has the largest share that moves in any way, and a slide or hinge
-    for each way. Where ways have different shares s, springs are such that slow motion makes the same of each, k = S^2
-    M W^2 / s, and exactly such at S = s. The bodies, in the site's frame, are those that are not as the scene has them,
-    before and after.
+    for each way. Where ways have different shares s, springs of k = S^2 M W^2 / s make the same of each in slow motion,
+    and exactly the same at S = s. The bodies, in the site's frame, are those to be changed, before and after.
     """
     values, scene = physics.flexibility, texts.scene
     if values is None or not np.isfinite(values["frequency"]) or values["share"].max() < LEAST_SHARE:

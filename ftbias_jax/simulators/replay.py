@@ -46,8 +46,7 @@ def joint_states(setup: Setup, log: Log) -> Array:
 def replay(scene: Mjcf, t: Array, states: Array, progress: Callable[[float], object] = lambda done: None) -> Array:
     """(T, 6) N, Nm: the wrench that the sensor exerts on the tool, at the scene's site.
 
-    The states (T, n, 3) at t (T,) s are those of ``joint_states``; ``progress`` is called with the samples that are
-    done.
+    The states (T, n, 3) at t (T,) s are those of ``joint_states``; ``progress`` is called with the samples done.
 
     Raises:
         SetupError: the scene has another number of joints.
@@ -130,8 +129,8 @@ def _swing(model: Any, data: Any, springs: Array, dt: float) -> None:
 def against(setup: Setup, log: Log, t: Array, wrench: Array, states: Array | None = None) -> Log:
     """A log to be diagnosed against a simulator: what that adds to the nominal tool's wrench goes along in columns.
 
-    The simulated wrench (K, 6) N, Nm, on the tool, sensor frame, has stamps t (K,) s relative to the log's first
-    sample. The states are those of ``joint_states``, if they are known.
+    The simulated wrench (K, 6) N, Nm, on the tool, sensor frame, has stamps t (K,) s since the log's first sample; the
+    states are those of ``joint_states``, if they are known.
 
     Raises:
         LogError: the simulated wrench does not last as long as the log, or has samples that are no numbers.
@@ -155,9 +154,7 @@ def against(setup: Setup, log: Log, t: Array, wrench: Array, states: Array | Non
 
 
 def against_columns(setup: Setup, log: Log) -> Log:
-    """``against`` the wrench that a log brings in its columns ``MODEL``, in the sign that the sensor reports.
-
-    A log without them stays as it is.
+    """``against`` the wrench that a log may bring in its columns ``MODEL``, in the sign that the sensor reports.
 
     Raises:
         LogError: some of the six are missing, or do not last as long as the log.

@@ -73,8 +73,7 @@ def with_rest(setup: Setup, content: Mapping[str, Any]) -> Setup:
     """The setup with the rest of the gap, which no drawn simulator has, as correlated noise of its sensor.
 
     That is what no cause explains, and what neither a scene nor a sensor model can say. It has the size of the held-out
-    gap, and varies as fast as the band of frequencies that has most of it. Where the saved diagnosis has no ``gap``,
-    the setup stays as it is.
+    gap, if the saved diagnosis has one, and varies as fast as the band of frequencies that has most of it.
     """
     if not (gap := content.get("gap")):
         return setup

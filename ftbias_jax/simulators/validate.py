@@ -87,8 +87,7 @@ def validate(
     if before.sigmas == 0:
         return Validation(before, after, 0.0, 1.0)
     left = (after.sigmas / before.sigmas) ** 2
-    spread = (2 * x.sigmas * x.sigmas_stderr / before.sigmas**2 for x in (after, before))
-    of_after, of_before = spread
+    of_after, of_before = (2 * x.sigmas * x.sigmas_stderr / before.sigmas**2 for x in (after, before))
     return Validation(before, after, 1 - left, float(np.hypot(of_after, left * of_before)))
 
 

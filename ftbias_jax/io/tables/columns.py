@@ -28,7 +28,6 @@ WIDE = ("q", "dq", "wrench")
 """Arrays with several numbers a sample."""
 OPTIONAL = frozenset(("velocity", "temperature"))
 
-
 Columns = dict[str, Names]
 """Name of an array of a log, or of a further column -> the columns that it is; () = the log does not have it."""
 

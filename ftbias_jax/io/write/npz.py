@@ -46,7 +46,6 @@ def save_npz_parts(
     it is there: the folder needs room for the result twice. There is one part at least; all have the same names, types
     and shapes behind the first axis. What is said beside the arrays is asked for when the last part has come.
     """
-
     folder = os.path.dirname(os.path.realpath(path))
 
     def write(file: BinaryIO) -> None:
