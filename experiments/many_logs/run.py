@@ -18,7 +18,7 @@ import numpy as np
 import ftbias_jax as ft
 from ftbias_jax.calibration.tune import PIECES_AT_ONCE, equal_parts
 from ftbias_jax.filtering.samples import arrays_from_log
-from ftbias_jax.runtime.pieces import PIECE
+from ftbias_jax.runtime.compiled_loops import PIECE
 
 LOGS, SECONDS, RATE = 1000, 10.0, 500.0
 RAGGED = 10  # of so many logs one is also in the set of unequal lengths

@@ -16,7 +16,7 @@ from ftbias_jax.cli.options import count, positive, seed
 from ftbias_jax.cli.terminal import warn
 from ftbias_jax.errors import FtbiasError, OutputError, UsageError
 from ftbias_jax.io.atomic import make_folder, write_json
-from ftbias_jax.io.outputs import check_outputs
+from ftbias_jax.io.write.outputs import check_outputs
 from ftbias_jax.runtime.progress import Progress
 
 MOST_SAMPLES = 10_000_000

@@ -21,8 +21,8 @@ from ftbias_jax.io import read_log
 from ftbias_jax.io.atomic import make_folder, write_json
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
+from ftbias_jax.runtime.executors import run_each
 from ftbias_jax.runtime.jax_config import in_float64
-from ftbias_jax.runtime.processes import run_each
 from ftbias_jax.setup import Setup, load_setup
 
 KILLED = "its process was killed: too little memory? (give it more, or fewer --jobs)"

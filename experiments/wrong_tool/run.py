@@ -21,7 +21,7 @@ import ftbias_jax as ft
 from ftbias_jax.diagnosis.report.as_json import to_json
 from ftbias_jax.diagnosis.thresholds import LEAST_SIGMAS
 from ftbias_jax.model.effects.catalogue import CATALOGUE
-from ftbias_jax.runtime.processes import run_each
+from ftbias_jax.runtime.executors import run_each
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from validation.generator.effects.catalogue import ENTRIES, STATISTICAL

@@ -38,7 +38,7 @@ def all_alternatives(state: State) -> Iterator[Alternative]:
     yield _sign(state)
     yield from _wrench_units(state)
     yield from _tool_units(state)
-    yield from _degrees(state)
+    yield from degrees(state)
     yield from mount_in_degrees(state)
     yield from _gravity(state)
     if state.case.layout.axes.all():
@@ -95,7 +95,8 @@ def _tool_units(state: State) -> Iterator[Alternative]:
         )
 
 
-def _degrees(state: State) -> Iterator[Alternative]:
+def degrees(state: State) -> Iterator[Alternative]:
+    """The joints are in degrees; nothing if their numbers are too small for that, whatever the sensor reads."""
     case = state.case
     setup, bins = case.setup, case.bins
     turning = setup.robot.screws[:, 3:].any(1)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.pose import product
+from ftbias_jax.io.pose import interpolated, product
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -132,16 +132,14 @@ def _parabola(
     weight = (noise[0] / (noise[1] * half)) ** 2
     prior = [(noise[0] / (SPEED * half)) ** 2, (2 * noise[0] / (ACCELERATION * half**2)) ** 2]
     normal = np.empty((len(first), x.shape[1], 3, 3))
+    right = np.stack([_sums(x * power, first) for power in powers[:3]], -1)
     for i in range(3):
         for j in range(3):
             normal[..., i, j] = S[i + j]
-    normal[..., 1, 1] += weight * V[0] + prior[0]
-    normal[..., 1, 2] += 2 * weight * V[1]
-    normal[..., 2, 1] += 2 * weight * V[1]
-    normal[..., 2, 2] += 4 * weight * V[2] + prior[1]
-    right = np.stack([_sums(x * power, first) for power in powers[:3]], -1)
-    right[..., 1] += weight * _sums(v, first)
-    right[..., 2] += 2 * weight * _sums(v * u, first)
+            if i and j:  # the slope of u^i is i u^(i - 1)
+                normal[..., i, j] += i * j * weight * V[i + j - 2] + (i == j) * prior[i - 1]
+        if i:
+            right[..., i] += i * weight * _sums(v * powers[i - 1], first)
     empty = np.broadcast_to(S[0] == 0, right.shape[:2])
     normal[empty] = np.eye(3)
     c = np.linalg.solve(normal, right[..., None])[..., 0]
@@ -169,10 +167,7 @@ def _line(values: Array, u: Array, first: Array, at: Array) -> tuple[Array, Arra
 
 def _gyroscope(log: Log, setup: Setup, u: Array, first: Array, at: Array) -> Array | None:
     """The rates that a recording had before they were turned into rates of the quaternion (``io.pose``)."""
-    known, rated = (np.isfinite(x[:, :4]).all(1) for x in (log.q, log.dq))
-    if not rated.any() or not known.any():
+    if not all(np.isfinite(x[:, :4]).all(1).any() for x in (log.q, log.dq)):
         return None
-    between = np.stack([np.interp(log.t, log.t[known], column) for column in log.q[known, :4].T], 1)
-    between /= np.linalg.norm(between, axis=1, keepdims=True)
-    turn = 2 * product(between * [1, -1, -1, -1], log.dq[:, :4])[:, 1:]
+    turn = 2 * product(interpolated(log.q[:, :4], log.t) * [1, -1, -1, -1], log.dq[:, :4])[:, 1:]
     return _line(turn @ setup.sensor.rotation, u, first, at)[0]

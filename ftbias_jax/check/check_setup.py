@@ -13,16 +13,7 @@ from ftbias_jax.check.alternatives import all_alternatives
 from ftbias_jax.check.bins import WIDTH, Bins, bins_of, join_bins
 from ftbias_jax.check.contact import UNTOUCHED, is_feigned, stamped, untouched
 from ftbias_jax.check.findings import absence, clocks, named, numbers, of_bias
-from ftbias_jax.check.judge import (
-    BAD,
-    TIE,
-    Evidence,
-    best_alternatives,
-    decisively,
-    is_pulled,
-    score,
-    slightly,
-)
+from ftbias_jax.check.judge import BAD, TIE, Evidence, best_alternatives, decisively, is_pulled, score, slightly
 from ftbias_jax.check.mounts import mount_in_degrees
 from ftbias_jax.check.regression import TRIMS, no_tool
 from ftbias_jax.check.result import Check, Mistake
@@ -102,12 +93,8 @@ def require_right(
 ) -> None:
     """Refuse a setup that the logs show to be wrong, or that leaves nothing to look for.
 
-    Args:
-        setup: of the logs.
-        logs: without the samples of stuck and clipped axes.
-        command: what it is wanted for: tune, identify or diagnose.
-        unchecked: do not look at the logs.
-        looked_for: mistakes that the command is asked to mend.
+    The logs have no samples of stuck and clipped axes, and are not looked at if they are to stay ``unchecked``.
+    The command, tune, identify or diagnose, may be there to mend the mistakes ``looked_for``.
 
     Raises:
         UsageError: the tool is looked for in a reading from which the controller has subtracted it.
@@ -129,12 +116,7 @@ def require_right(
 
 
 def check_case(case: Case | None, setup: Setup) -> Check:
-    """The same from bins; None = too few of them.
-
-    Args:
-        case: of ``case_of_bins``.
-        setup: of the logs.
-    """
+    """The same from bins; None = too few of them."""
     if case is None:
         return Check((), {}, setup.path, all_undetermined(pose=setup.pose is not None))
     checks: list[Check] = []
@@ -157,13 +139,7 @@ def check_case(case: Case | None, setup: Setup) -> Check:
 
 
 def check_parts(setup: Setup, parts: Callable[[int], Iterator[Log]], length: int) -> Check:
-    """The same of one log that is read in parts; of a long one some parts are looked at.
-
-    Args:
-        setup: of the log.
-        parts: reads the log in parts of so many samples.
-        length: samples of the log.
-    """
+    """The same of one log of ``length`` samples that is read in parts; of a long one some parts are looked at."""
     if length <= PART:
         return check_setup(setup, [next(parts(length))])
     every = max(1, length // PART // MOST_PARTS)
@@ -247,11 +223,8 @@ def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:
         convention, state, result = min(ties, key=lambda entry: sum(vars(entry[0]).values()))
         for mistake, remedy, setup in convention.findings(pose):
             found.append(Mistake(mistake, numbers(first, result), remedy, setup))
-    in_g = poses.accelerometer_remedy(state)
-    for of_imu in (poses.gyroscope_remedy(state), in_g):
-        if of_imu is not None:
-            words, ratio, mend = of_imu
-            found.append(Mistake("gyroscope_units", ratio, words, mend))
+    in_g = poses.accelerometer_mistake(state)
+    found += [mistake for mistake in (poses.gyroscope_mistake(state), in_g) if mistake is not None]
     if in_g is not None and state.specific_force is not None:
         state = state.but(specific_force=9.80665 * state.specific_force)
     return state, found

@@ -98,8 +98,7 @@ def untouched(base: Evidence) -> Untouched | None:
     rows, tool = part.fit.kept, state.of_tool * np.repeat(state.unit, 3)
 
     def size(bins: Array) -> Array:
-        mean: Array = squares(without_bias(tool[bins], case.layout._replace(basis=steady[bins]))).mean(0)
-        return mean
+        return squares(without_bias(tool[bins], case.layout._replace(basis=steady[bins]))).mean(0)
 
     found = Untouched(rows, size(rows), part.square)
     least = max((CLEAR * noise_of_bins(state)[0]) ** 2, LEAST_PART * size(np.ones(len(rows), bool))[0])

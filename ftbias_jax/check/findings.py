@@ -128,8 +128,7 @@ def zero_would_show(state: State) -> bool:
 
 def _near_zero(state: State, tool: Array) -> Array:
     """(6,) N, Nm: how far from zero a first reading may be: a tool that moves moves on within the first bin."""
-    near: Array = ZERO * state.case.setup.sensor.noise_std + state.case.moves * np.abs(tool[1] - tool[0])
-    return near
+    return ZERO * state.case.setup.sensor.noise_std + state.case.moves * np.abs(tool[1] - tool[0])
 
 
 def named(first: Evidence, tied: Sequence[Tried]) -> Mistake:

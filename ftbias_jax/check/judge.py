@@ -63,8 +63,7 @@ class Evidence:
     @cached_property
     def raw(self) -> Array:
         """(2,) variance of the reading without bias and drift, force and torque: N^2, Nm^2."""
-        variance: Array = self.without_tool.square + 1e-30
-        return variance
+        return self.without_tool.square + 1e-30
 
     @cached_property
     def without_tool(self) -> Result:
@@ -90,8 +89,7 @@ class Evidence:
     @property
     def left(self) -> Array:
         """(2,) share of the raw variance that the setup leaves."""
-        share: Array = self.result.square / self.raw
-        return share
+        return self.result.square / self.raw
 
     @cached_property
     def shares(self) -> tuple[Share, Share]:
@@ -150,8 +148,7 @@ def slightly(base: Evidence, alternatives: Iterable[Alternative]) -> list[Tried]
 def noise_of_bins(state: State) -> Array:
     """(2,) standard deviation of the mean force and torque of a bin, N and Nm, all axes together."""
     noise = state.case.setup.sensor.noise_std.reshape(2, 3)
-    size: Array = np.sqrt((noise**2).sum(1) / np.median(state.case.bins.count))
-    return size
+    return np.sqrt((noise**2).sum(1) / np.median(state.case.bins.count))
 
 
 def is_pulled(base: Evidence) -> bool:

@@ -60,13 +60,8 @@ def body_motion(
 ) -> SensorMotion:
     """Motion of a sensor on a body whose pose was recorded (``model.kinematics.recorded_pose``).
 
-    Args:
-        sensor: how it is turned in the body's frame.
-        lever: (3,) m from the body's origin to the sensor's, body frame.
-        q: (N, 4 or 7) quaternion w, x, y, z of the body in the base, and position in m.
-        dq: its rates.
-        ddq: the rates of those.
-        in_body: the position has the body's axes instead of the base's.
+    The lever (3,) m is from the body's origin to the sensor's, body frame; q (N, 4 or 7) is the quaternion w, x, y, z
+    of the body in the base, and its position in m, along the body's axes if ``in_body``; dq and ddq are the rates.
     """
     length = np.linalg.norm(q[:, :4], axis=1)
     n2 = (length**2)[:, None]

@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 
 from ftbias_jax.check.motion import in_sensor
+from ftbias_jax.check.result import Mistake
 from ftbias_jax.check.state import State, motion_of_pose
 from ftbias_jax.setup.recorded import PoseSetup
 
@@ -83,8 +84,8 @@ def conventions(state: State) -> Iterator[tuple[Convention, State]]:
         yield Convention(reordered, inverse, in_body), state.but(motion=motion)
 
 
-def gyroscope_remedy(state: State) -> tuple[str, dict[str, float], Values] | None:
-    """What is wrong with the units of the gyroscope, the ratio that shows it, and what mends it; None if nothing is."""
+def gyroscope_mistake(state: State) -> Mistake | None:
+    """What is wrong with the units of the gyroscope; None if nothing is."""
     measured = state.case.bins.gyroscope
     if measured is None:
         return None
@@ -98,16 +99,18 @@ def gyroscope_remedy(state: State) -> tuple[str, dict[str, float], Values] | Non
     ratio = overlap / (known**2).sum()
     for factor, (words, setup) in GYROSCOPES.items():
         if alike > ALIKE and factor / NEAR < ratio < factor * NEAR:
-            return f"the gyroscope is {words}", {"ratio_to_the_orientation": float(f"{ratio:.4g}")}, setup
+            evidence = {"ratio_to_the_orientation": float(f"{ratio:.4g}")}
+            return Mistake("gyroscope_units", evidence, f"the gyroscope is {words}", setup)
     return None
 
 
-def accelerometer_remedy(state: State) -> tuple[str, dict[str, float], Values] | None:
+def accelerometer_mistake(state: State) -> Mistake | None:
     """The same of an accelerometer."""
     if state.specific_force is None:
         return None
     size = float(np.median(np.linalg.norm(state.specific_force, axis=1)))
     if LEAST_G < size < MOST_G:
         words = 'the specific force is in g: set log.acceleration_unit = "g"'
-        return words, {"median_specific_force": float(f"{size:.4g}")}, {"log.acceleration_unit": "g"}
+        evidence = {"median_specific_force": float(f"{size:.4g}")}
+        return Mistake("gyroscope_units", evidence, words, {"log.acceleration_unit": "g"})
     return None

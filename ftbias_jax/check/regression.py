@@ -73,18 +73,11 @@ class Fit(NamedTuple):
     @property
     def square(self) -> Float[Array, " 2"]:
         """Mean squared error of force and torque, N^2 and Nm^2."""
-        mean: Array = self.errors[self.kept].mean(0)
-        return mean
+        return self.errors[self.kept].mean(0)
 
 
 def make_layout(t: Array, log: Array, axes: Array) -> Layout:
-    """Bias, drift and blocks of bins.
-
-    Args:
-        t: (N,) s.
-        log: (N,) number of the log that each belongs to.
-        axes: (6,) which axes are measured.
-    """
+    """Bias, drift and blocks of bins at t (N,) s, of logs with these numbers (N,); ``axes`` (6,) are those measured."""
     columns, blocks, count = [], np.zeros(len(t), int), 0
     for number in np.unique(log):
         rows = np.flatnonzero(log == number)
@@ -133,11 +126,8 @@ def exactly(tool: Tool) -> Tool:
 def fit(D: Array, wrench: Array, tool: Tool, layout: Layout) -> Fit:
     """Least squares of W = D theta - b with theta within the tool's reach, b free, and the worst bins left out.
 
-    Args:
-        D: (N, 6, 10); (N, 6, k) with columns of more than a tool, which theta and reach then have, too.
-        wrench: (N, 6) N, Nm.
-        tool: where theta may lie.
-        layout: bias, drift and blocks.
+    D is (N, 6, 10), or (N, 6, k) with columns of more than a tool, which theta and reach then have, too; the wrench W
+    is (N, 6) N, Nm.
     """
     D = D * layout.axes[:, None]
     # Typical size of force and torque without their bias, N and Nm: the weights of the two.
@@ -165,16 +155,14 @@ def _concentrated(D: Array, wrench: Array, tool: Tool, layout: Layout, scale: Ar
 
 def squares(values: Array) -> Float[Array, "N 2"]:
     """Squared norms of force and torque (N, 6)."""
-    squared: Array = (values.reshape(-1, 2, 3) ** 2).sum(2)
-    return squared
+    return (values.reshape(-1, 2, 3) ** 2).sum(2)
 
 
 def without_bias(values: Array, layout: Layout) -> Array:
     """Columns (N, ...) less the bias and drift that fit them best."""
     flat = values.reshape(len(values), -1)
     coefficients = np.linalg.lstsq(layout.basis, flat, rcond=None)[0]
-    cleaned: Array = (flat - layout.basis @ coefficients).reshape(values.shape)
-    return cleaned
+    return (flat - layout.basis @ coefficients).reshape(values.shape)
 
 
 def _solve(
@@ -204,8 +192,7 @@ def within_reach(normal: Array, right: Array, tool: Tool) -> Float[Array, " 10"]
     if np.isinf(tool.reach).all():
         size = np.sqrt(np.diag(normal)) + 1e-12
         scaled = normal / np.outer(size, size) + 1e-9 * np.eye(len(normal))
-        free: Array = np.linalg.solve(scaled, right / size) / size
-        return free
+        return np.linalg.solve(scaled, right / size) / size
     S = tool.reach
     d, V = np.linalg.eigh(normal * np.outer(S, S))
     g = V.T @ (S * (right - normal @ tool.theta))

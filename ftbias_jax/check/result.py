@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -106,11 +105,7 @@ class Check:
         return [(first.pop() if first else "also ") + str(finding) for finding in self.findings]
 
     def require_ok(self, command: str = "", looked_for: Collection[str] = ()) -> None:
-        """Refuse a setup that is wrong.
-
-        Args:
-            command: what it is wanted for; ``identify`` may start from a tool that is wrong.
-            looked_for: further mistakes that it is there to mend.
+        """Refuse a setup that is wrong, but for mistakes that a command is there to mend, or that are ``looked_for``.
 
         Raises:
             SetupError: the setup is wrong, and says what to write into it.
@@ -135,17 +130,13 @@ class Check:
         return {"ok": self.ok, "findings": findings, "evidence": dict(self.evidence), "undetermined": unseen}
 
     def to_json(self, path: str | os.PathLike[str], origin: Provenance | None = None) -> None:
-        """Write the findings for programs, whole or not at all.
-
-        Args:
-            path: the file to make or replace.
-            origin: what they were made from.
+        """Write the findings, and what they were made from, for programs, whole or not at all.
 
         Raises:
             OutputError: the file cannot be written.
         """
         said = {} if origin is None else {"provenance": origin}
-        write_json(path, json.loads(json.dumps(self.as_dict() | said)))
+        write_json(path, self.as_dict() | said)
 
     def __str__(self) -> str:
         return "\n".join((*self._found(), *self.open_questions()))

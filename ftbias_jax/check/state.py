@@ -91,8 +91,7 @@ class State:
     @cached_property
     def of_tool(self) -> Array:
         """(N, 6) N, Nm that the nominal tool causes."""
-        wrench: Array = self.data @ self.tool.theta
-        return wrench
+        return self.data @ self.tool.theta
 
     def _stamped(self, values: Array) -> Array:
         """Values (N, ...) as late as the wrench."""
@@ -111,9 +110,8 @@ class State:
     def fit_force(self, tool: Tool | None = None, *, pulled: bool = False) -> Result:
         """The same of the force alone, in the units of ``wrench``.
 
-        Args:
-            tool: None = the nominal one.
-            pulled: with a steady force along axes of the base beside the tool, as of a weight balancer on a trolley.
+        It may be ``pulled`` by a steady force along axes of the base beside the tool, as of a weight balancer on a
+        trolley.
         """
         force = np.arange(6) < 3
         D, tool = self.data, self.tool if tool is None else tool
@@ -156,13 +154,7 @@ class Alternative:
 
 
 def case_of_bins(setup: Setup, parts: Sequence[Bins], are_poses: bool = False) -> Case | None:
-    """The case of several logs; None if their bins are too few.
-
-    Args:
-        setup: of all logs.
-        parts: the bins of each log.
-        are_poses: whether they are static poses.
-    """
+    """The case of several logs, from the bins of each; None if these are too few."""
     setup = orientation_alone(setup) if are_poses else setup
     bins = join_bins(parts)
     log = np.repeat(np.arange(len(parts)), [len(part.t) for part in parts])

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ftbias_jax.check import findings, poses
-from ftbias_jax.check.alternatives import LEAST_DEGREES, G
+from ftbias_jax.check.alternatives import G, degrees
 from ftbias_jax.check.judge import ABSENT, BAD, BETTER, CLEAR, GOOD, GOOD_TOUCHED, TIE, Evidence, noise_of_bins
 from ftbias_jax.check.motion import data_matrices, in_sensor
 from ftbias_jax.check.regression import BLOCKS, squares, within_reach, without_bias
@@ -74,11 +74,9 @@ class Imagined:
 
 
 def undetermined(base: Evidence, *, tool_is_stated: bool) -> tuple[Undetermined, ...]:
-    """Mistakes that could not be found in the logs.
+    """Mistakes that could not be found in the logs, beside those that were found and mended.
 
-    Args:
-        base: the setup, without the mistakes that were found.
-        tool_is_stated: otherwise the logs' own tool was taken, and units of force cannot be told.
+    Where the tool is not stated, that of the logs was taken, and units of force cannot be told.
     """
     state = base.state
     setup = state.case.setup
@@ -113,7 +111,8 @@ def _unseen(imagined: Imagined) -> Iterator[tuple[str, str]]:
     state, M = imagined.state, imagined.wrench
     layout = state.case.layout
     if not imagined.is_seen(-M):
-        yield from dict.fromkeys(("sign", "wrench_units", "tool_units", *_degrees(state)), TURN).items()
+        angles = ("angle_units",) if next(degrees(state), None) else ()
+        yield from dict.fromkeys(("sign", "wrench_units", "tool_units", *angles), TURN).items()
     elif not imagined.is_seen(G * M, G**2 * imagined.floor):
         yield "wrench_units", TURN
     if state.specific_force is None:
@@ -150,14 +149,6 @@ def _unseen_weight(imagined: Imagined) -> Iterator[tuple[str, str]]:
         yield "worse_than_raw", TURN
     if not state.case.setup.sensor.rezeroed and not findings.zero_would_show(state):
         yield "rezeroed", HEAVIER
-
-
-def _degrees(state: State) -> tuple[str, ...]:
-    """Numbers of joints that are too small for degrees show that they are none, whatever the sensor reads."""
-    case = state.case
-    turning = case.setup.robot.screws[:, 3:].any(1)
-    small = case.setup.pose is not None or not (np.abs(case.bins.q[:, turning]) > LEAST_DEGREES).any()
-    return () if small else ("angle_units",)
 
 
 def _base_frame_is_seen(imagined: Imagined) -> bool:

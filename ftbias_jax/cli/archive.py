@@ -27,10 +27,9 @@ from ftbias_jax.fleet.place import Place
 from ftbias_jax.fleet.table import save_table
 from ftbias_jax.io.atomic import make_folder_inside
 from ftbias_jax.io.log import Repairs
-from ftbias_jax.io.outputs import check_outputs, check_replaceable
 from ftbias_jax.io.remote import check_patterns, forget, from_anywhere, shown
 from ftbias_jax.io.write import written
-from ftbias_jax.io.write.ours import CHECK, DIAGNOSIS, PAGE, RESULT, SETUP
+from ftbias_jax.io.write.outputs import CHECK, DIAGNOSIS, PAGE, RESULT, SETUP, check_outputs, check_replaceable
 from ftbias_jax.io.write.provenance import sha256_of
 from ftbias_jax.runtime.progress import Progress
 from ftbias_jax.setup import Setup
@@ -205,8 +204,8 @@ def run_tasks(job: Job, tasks: Iterable[Task], jobs: int, executor: str | None =
 
 
 def _here(work: Callable[[Task], Entry], tasks: Iterable[Task], jobs: int) -> Iterator[tuple[Task, Entry | None]]:
+    from ftbias_jax.runtime.executors import run_each
     from ftbias_jax.runtime.jax_config import prepare_jax
-    from ftbias_jax.runtime.processes import run_each
 
     if jobs == 1:
         prepare_jax()

@@ -7,12 +7,9 @@ from typing import Any
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.find import expand, inputs
 from ftbias_jax.io.atomic import refuse_link
-from ftbias_jax.io.outputs import behind_link, check_outputs, check_writable
 from ftbias_jax.io.write import written
-from ftbias_jax.io.write.ours import CALIBRATION, CHECK, DIAGNOSIS, PAGE, PLAN, SETUP
+from ftbias_jax.io.write.outputs import SUFFIXES, behind_link, check_outputs, check_writable
 from ftbias_jax.setup import Setup, load_setup
-
-SUFFIXES = {CALIBRATION: ".json", CHECK: ".json", DIAGNOSIS: ".json", PAGE: ".html", PLAN: ".json", SETUP: ".toml"}
 
 
 def setup_of(arguments: argparse.Namespace, **more: Any) -> Setup:
@@ -39,7 +36,7 @@ def logs_of(
     Args:
         arguments: of the command; ``in_place``, where it has it, lets the output be the setup.
         setup: of the logs.
-        kinds: option -> what it writes (``write.ours``).
+        kinds: option -> what it writes (``write.outputs``).
         also: what is written beside that.
         stated: files that are read beside the logs; None = those of the setup.
 

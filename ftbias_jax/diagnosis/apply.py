@@ -19,10 +19,6 @@ def setup_with_causes(diagnosis: Diagnosis, setup: Setup) -> Setup:
     """A setup with the causes among its effects, in place of the same ones, and the terms after those it has.
 
     Those with values that no setup can state are left out (``refused``). ``Diagnosis.apply`` is this.
-
-    Args:
-        diagnosis: with causes and terms.
-        setup: of the diagnosis.
     """
     return with_causes(setup.with_effects(diagnosis.own_effects), diagnosis.causes, diagnosis.terms)
 
@@ -37,7 +33,7 @@ def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[Found
         causes: their values replace those the setup has for the same effect.
         terms: come after those that the setup has.
     """
-    from ftbias_jax.model.effects.terms.parse import NAME as TERM
+    from ftbias_jax.model.effects.terms.parse import TERM
 
     causes = [cause for cause in causes if not _refusal(setup, {cause.effect: cause.parameters})]
     setup, causes = _with_tool(setup, causes)
@@ -74,14 +70,8 @@ def _with_tool(setup: Setup, causes: Sequence[Candidate]) -> tuple[Setup, list[C
 
 
 def refused(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm] = ()) -> tuple[str, ...]:
-    """Why no setup can state some causes or terms: a value that fits the log may be outside the catalogue's bounds.
-
-    Args:
-        setup: of the diagnosis.
-        causes: as for ``with_causes``.
-        terms: as for ``with_causes``.
-    """
-    from ftbias_jax.model.effects.terms.parse import NAME as TERM
+    """Why no setup can state some causes or terms: a value that fits the log may be outside the catalogue's bounds."""
+    from ftbias_jax.model.effects.terms.parse import TERM
 
     sections: list[dict[str, Any]] = [{cause.effect: cause.parameters} for cause in causes]
     sections += [{TERM: [term.section]} for term in terms]
@@ -89,12 +79,7 @@ def refused(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm
 
 
 def some_applied(diagnosis: Diagnosis, not_stated: Sequence[str]) -> bool:
-    """Whether the setup with what was found is worth writing: unless causes were found and none can be stated.
-
-    Args:
-        diagnosis: of which the setup is.
-        not_stated: what ``refused`` says of it.
-    """
+    """Whether the setup with what was found is worth writing: unless all of it is ``refused``, which is not stated."""
     return not not_stated or len(not_stated) < len(diagnosis.causes) + len(diagnosis.terms)
 
 

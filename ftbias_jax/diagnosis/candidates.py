@@ -1,12 +1,11 @@
 """Every effect fitted on top of those accepted so far."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis import thresholds
 from ftbias_jax.diagnosis.evidence.estimates import parameters
 from ftbias_jax.diagnosis.evidence.gap import nats_of_joints
 from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, penalty
@@ -17,17 +16,6 @@ from ftbias_jax.diagnosis.proposals.series import Library
 from ftbias_jax.diagnosis.proposals.touches import touches
 from ftbias_jax.diagnosis.regression.fit import Fit, first_order, fit
 from ftbias_jax.diagnosis.regression.score_test import stand
-from ftbias_jax.diagnosis.thresholds import (
-    LEAST_GAIN,
-    NATS_PER_DEGREE,
-    POLISHED,
-    POLISHED_SEARCHED,
-    ROUGH_STEPS,
-    ROUGHLY,
-    SURE,
-    WORTH_FITTING,
-    WORTH_SEARCHING,
-)
 from ftbias_jax.model.effects.fitting import SMOOTH, Grid
 
 
@@ -46,7 +34,7 @@ class Scored(NamedTuple):
 
 def score(better: Fit, worse: Fit) -> float:
     """nats that one fit gains over another, after the penalty."""
-    return better.log_likelihood - worse.log_likelihood - NATS_PER_DEGREE * (better.degrees - worse.degrees)
+    return better.log_likelihood - worse.log_likelihood - thresholds.NATS_PER_DEGREE * (better.degrees - worse.degrees)
 
 
 def candidates(
@@ -67,20 +55,19 @@ def candidates(
     found, columns = starts.smooth(problem, prepared_fit, taken)
     for make in (starts.from_starts, ringing.loose, pulls, searched.best_starts):
         found += make(problem, prepared_fit, taken)
-    for propose in (series.slow, series.steplike):
-        found += propose(problem, library(), accepted, taken)
+    found += series.best_series(problem, library(), accepted, taken)
     smooth = np.concatenate([accepted.columns.moving, *columns.values()])
     found += touches(problem, library(), accepted, taken, smooth)
     best: dict[tuple[str, int], Found] = {}
     for gain, h in found:
         penalised, key = gain - penalty(h), (h.effect, h.group)
-        if penalised > LEAST_GAIN and (key not in best or penalised > best[key][0]):
+        if penalised > thresholds.LEAST_GAIN and (key not in best or penalised > best[key][0]):
             best[key] = (penalised, h)
     top = max((gain for gain, _ in best.values()), default=0.0)
     fits: list[Fit] = []
     for gain, h in best.values():
-        if gain > (WORTH_FITTING if _is_smooth(problem, h) else WORTH_SEARCHING) * top:
-            fits.append(fit(problem, (*accepted.hypotheses, h), accepted, ROUGHLY, ROUGH_STEPS))
+        if gain > (thresholds.WORTH_FITTING if _is_smooth(problem, h) else thresholds.WORTH_SEARCHING) * top:
+            fits.append(fit(problem, (*accepted.hypotheses, h), accepted, thresholds.ROUGHLY, thresholds.ROUGH_STEPS))
         elif all_smooth and _is_smooth(problem, h):
             fits.append(first_order(accepted, h, columns[h]))
     polished = _polish(problem, accepted, [Scored(one, score(one, accepted)) for one in fits])
@@ -97,7 +84,11 @@ def _polish(problem: Problem, accepted: Fit, scored: list[Scored]) -> list[Score
     top = max((s.nats for s in scored), default=0.0)
 
     def polished(s: Scored) -> Scored:
-        near = POLISHED if _is_smooth(problem, s.hypothesis) or s.hypothesis.shapes else POLISHED_SEARCHED
+        near = (
+            thresholds.POLISHED
+            if _is_smooth(problem, s.hypothesis) or s.hypothesis.shapes
+            else thresholds.POLISHED_SEARCHED
+        )
         end = _end(problem, s.fit) if s.fit.free and s.nats > near * top else s.fit
         return Scored(end, score(end, accepted))
 
@@ -137,11 +128,11 @@ def _without_idle_forms(problem: Problem, scored: list[Scored]) -> list[Scored]:
         effect = problem.catalogue[s.hypothesis.effect]
         if effect.fit.extends not in nats:
             return False
-        if s.nats < nats[effect.fit.extends] + LEAST_GAIN:
+        if s.nats < nats[effect.fit.extends] + thresholds.LEAST_GAIN:
             return True
         value, stderr = parameters(problem, s.fit, s.hypothesis)
         own = [p.name for p in effect.parameters if not p.optional]
-        return all(np.abs(value[name]) < SURE * np.asarray(stderr[name]) for name in own)
+        return all(np.abs(value[name]) < thresholds.SURE * np.asarray(stderr[name]) for name in own)
 
     return [s for s in scored if not is_idle(s)]
 

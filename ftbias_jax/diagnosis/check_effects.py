@@ -204,8 +204,7 @@ def _of_slopes(effect: Effect, signals: Signals, starts: list[EffectValues]) -> 
 def _inside(effect: Effect, parameter: Parameter, z: np.ndarray) -> np.ndarray:
     """Coordinates (k,) of a start, not quite at its bounds: rounded beyond one, they would have no derivative there."""
     least, most = bounds_of(scale_of(effect, parameter))
-    inside: np.ndarray = np.clip(z, least + 2 * STEP, most - 2 * STEP)
-    return inside
+    return np.clip(z, least + 2 * STEP, most - 2 * STEP)
 
 
 def _fault_of_slope(slope: np.ndarray, difference: np.ndarray) -> str:

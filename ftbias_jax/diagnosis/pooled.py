@@ -20,7 +20,7 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.io.cleaning import slices, survey
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.fitting import SUDDEN
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
@@ -142,8 +142,7 @@ def course_of(dates: np.ndarray, effect: str, share: np.ndarray, stderr: np.ndar
 def _ramp(days: np.ndarray, first: int) -> np.ndarray:
     """(N,) 0 up to the log before the first, and 1 at the last one."""
     begin = days[first - 1]
-    ramp: np.ndarray = np.clip((days - begin) / max(days[-1] - begin, 1e-9), 0.0, None)
-    return ramp
+    return np.clip((days - begin) / max(days[-1] - begin, 1e-9), 0.0, None)
 
 
 def _likeliest(

@@ -1,9 +1,7 @@
 """Logs made ready for the diagnosis: smoothed joints, cleaned wrench, averaged to bins, and the noise of each bin."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import jax
 import numpy as np
@@ -57,7 +55,7 @@ class Part(NamedTuple):
     unseen: np.ndarray = np.zeros(6)
     """(6,) N, Nm: standard deviation of the tool's wrench by accelerations that nobody recorded."""
 
-    def with_variance(self, variance: np.ndarray) -> Part:
+    def with_variance(self, variance: np.ndarray) -> Self:
         """The same log with another noise of its mean readings, (B, 6) N^2, Nm^2."""
         wrench = self.wrench._replace(variance=jax.device_put(variance))
         return self._replace(wrench=wrench, whiten=make_whitener(wrench, self.used))
@@ -111,11 +109,11 @@ class Problem(NamedTuple):
         begins = (np.diff(self.log) != 0) | (np.diff(piece) != 0)
         return np.concatenate([[0], np.cumsum(begins)])
 
-    def without(self, bins: np.ndarray) -> Problem:
+    def without(self, bins: np.ndarray) -> Self:
         """The same without the samples of some bins (U,) bool."""
         return self._replace(samples=np.where(bins[:, None], 0, self.samples))
 
-    def louder(self, added: np.ndarray) -> Problem:
+    def louder(self, added: np.ndarray) -> Self:
         """The same with more variance (U, 6) N^2, Nm^2 of the bins' means."""
         pieces = np.split(added, np.cumsum([part.used for part in self.parts])[:-1])
         parts = [

@@ -239,7 +239,7 @@ class Diagnosis(NamedTuple):
     note: str = ""
     """What of the setup was not used; "" = nothing."""
     correlations: np.ndarray = np.zeros((0, 0))
-    """(P, P) between the errors of all numbers of the causes, in their order: ``evidence.posterior``."""
+    """(P, P) between the errors of all numbers of the causes, in their order: ``evidence.estimates``."""
     courses: tuple[Course, ...] = ()
     """How causes went on over all logs, where more than those that were diagnosed were given: ``pooled``."""
     command: str = ""

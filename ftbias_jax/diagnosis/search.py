@@ -1,7 +1,5 @@
 """Which effects explain a log: the best one added while it earns it, pairs tried from several first causes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple, TypeAlias
@@ -218,8 +216,7 @@ def _follows_motion(problem: Problem, effect: str) -> bool:
 def _touched(problem: Problem, found: Fit) -> np.ndarray:
     """(U,) bins of the contacts of a fit."""
     shapes = [shape for h in found.hypotheses if h.local for shape in h.shapes]
-    touched: np.ndarray = np.any([np.zeros(len(problem.t), bool), *(shape != 0 for shape in shapes)], axis=0)
-    return touched
+    return np.any([np.zeros(len(problem.t), bool), *(shape != 0 for shape in shapes)], axis=0)
 
 
 def other_firsts(first: list[Scored], accepted: Fit) -> list[Scored]:

@@ -34,8 +34,7 @@ def strength(noise: BiasNoise, vibration: Array | None = None, jump: Array | Non
         jump: (..., 6) N^2, Nm^2, of ``jumps``; None = the sensor is never set to zero.
     """
     if noise.correlated_std is None and noise.drift_time is None and jump is None:
-        density: Array = noise.density
-        return density
+        return noise.density
     rate = None if noise.drift_time is None else 1 / noise.drift_time
     if noise.correlated_std is None or noise.correlated_time is None:
         # The reverse pass takes a transition that has parameters: XLA ends the process if it has none.
@@ -48,10 +47,7 @@ def driving(
 ) -> tuple[BiasStrength | Array, dict[str, Array] | None]:
     """``strength`` over a log: what of it is the same at all samples, and its fields (T, 6) that are not, by name.
 
-    Args:
-        params: of the pipeline.
-        rezeroed: (T,) as for ``jumps``.
-        velocity: (T, n) rad/s of the joints, needed where vibration is correlated.
+    The samples (T,) are as for ``jumps``; the velocity (T, n) rad/s is needed where vibration is correlated.
     """
     noise, jump = params.bias, jumps(params, rezeroed)
     constant, drive = strength(noise, jump=jump), {} if jump is None else {"jump": jump}

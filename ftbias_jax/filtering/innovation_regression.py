@@ -116,5 +116,4 @@ def widened_inverse(scores: np.ndarray, normal: np.ndarray) -> np.ndarray:
     inverse = np.linalg.inv(normal)
     sandwich = inverse @ (scores.T @ scores) @ inverse
     widen = np.sqrt(np.maximum(1, np.diag(sandwich) / np.diag(inverse)))
-    widened: np.ndarray = inverse * widen[:, None] * widen
-    return widened
+    return inverse * widen[:, None] * widen

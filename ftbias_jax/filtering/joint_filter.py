@@ -71,6 +71,5 @@ def _forget(predicted: Gaussian, previous: Gaussian, prior_std: Array) -> Gaussi
     lost = (jnp.diagonal(predicted.covariance)[:2] > prior_std[:2] ** 2).all()
     at_rest = previous.mean * jnp.array([1, 0, 0], dtype=previous.mean.dtype)
     return Gaussian(
-        jnp.where(lost, at_rest, predicted.mean),
-        jnp.where(lost, jnp.diag(prior_std**2), predicted.covariance),
+        jnp.where(lost, at_rest, predicted.mean), jnp.where(lost, jnp.diag(prior_std**2), predicted.covariance)
     )

@@ -21,8 +21,7 @@ from ftbias_jax.filtering.process_models import JOINT_MODELS, BiasStrength, Proc
 from ftbias_jax.filtering.smoother import smooth_joint_tracks
 from ftbias_jax.model.params import Params
 from ftbias_jax.model.wrench.tool_wrench import unbias
-from ftbias_jax.runtime.compiled_loops import on_cpu
-from ftbias_jax.runtime.pieces import over_pieces
+from ftbias_jax.runtime.compiled_loops import on_cpu, over_pieces
 from ftbias_jax.types import Gaussian, Sample
 
 JAX_SAYS = ("can't apply forward-mode", "Linearization failed")
@@ -118,14 +117,7 @@ def wrench_given_joints(
 def nats_in_pieces(
     model: ProcessModel, inputs: Inputs, weight: Float[Array, " T"], length: Array
 ) -> Float[Array, " B"]:
-    """The likelihoods (B,) of ``filter_sums``, without the time that padding would take.
-
-    Args:
-        model: as for ``scan.filter_scan``.
-        inputs: of the filters, padded.
-        weight: (T,) of every sample's likelihood.
-        length: () samples at the start that are of a log.
-    """
+    """The likelihoods (B,), nats, of ``filter_sums``, without the time that padding after this length would take."""
 
     def add(state: tuple[Array, Array, Array], piece: Any) -> tuple[tuple[Array, Array, Array], None]:
         nats, mean, covariance = state
@@ -136,8 +128,7 @@ def nats_in_pieces(
 
     log = (inputs.dt, inputs.y, inputs.variance, inputs.drive, weight)
     start = (jnp.zeros_like(inputs.mean[0]), inputs.mean, inputs.covariance)
-    nats: Array = over_pieces(add, start, log, length)[0][0]
-    return nats
+    return over_pieces(add, start, log, length)[0][0]
 
 
 def measured_length(samples: Sample, xp: Any = jnp) -> Any:
@@ -211,8 +202,7 @@ def whiten(problem: WrenchProblem, columns: Float[Array, "C T 6"]) -> Float[Arra
         return innovation[:, 0] / jnp.sqrt(variance[:, 0])
 
     # Its value is its derivative: so the gains, which all series share, are worked out once.
-    whitened: Array = jax.vmap(lambda column: jax.jvp(white, (jnp.zeros_like(column),), (column,))[1])(columns)
-    return whitened
+    return jax.vmap(lambda column: jax.jvp(white, (jnp.zeros_like(column),), (column,))[1])(columns)
 
 
 @partial(jax.jit, static_argnames="options")

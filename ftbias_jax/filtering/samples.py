@@ -26,17 +26,13 @@ def samples_from_log(log: Log, dtype: Any = None) -> Sample:
         log: a whole log.
         dtype: of the arrays.
     """
-    samples: Sample = jax.tree.map(jnp.asarray, arrays_from_log(log, dtype))
-    return samples
+    return jax.tree.map(jnp.asarray, arrays_from_log(log, dtype))
 
 
 def arrays_from_log(log: Log, dtype: Any = None, before: float | None = None) -> Sample:
     """The same as numpy arrays, which cost JAX nothing until a program takes them.
 
-    Args:
-        log: a whole log, or a part of one.
-        dtype: of the arrays.
-        before: s, stamp of the sample before the part.
+    Of a part of a log ``before`` is the stamp, s, of the sample before it.
     """
     dt = np.diff(np.asarray(log.t, np.float64), prepend=log.t[0] if before is None else before)
     dt = np.minimum(dt, LONG_PAUSE)  # by then the bias is as unknown as before the log; its variance must stay a number
@@ -45,19 +41,15 @@ def arrays_from_log(log: Log, dtype: Any = None, before: float | None = None) ->
     rezeroed = np.asarray(log.is_rezeroed(log.t, before), float) if log.rezeroed_at else None
     arrays = Sample(dt, log.q, log.dq, log.wrench, temperature, columns or None, rezeroed)
     kind = jnp.result_type(float) if dtype is None else dtype
-    samples: Sample = jax.tree.map(lambda x: np.asarray(x, kind), arrays)
-    return samples
+    return jax.tree.map(lambda x: np.asarray(x, kind), arrays)
 
 
 def settled_at(t: Array, params: Params) -> float:
     """s, of the log's time, when the known effects have forgotten how they began; the first stamp if none remembers.
 
     A mass that swings, a tool on springs or a low-pass of the sensor is taken as settled at the first sample. If the
-    arm moves there, the readings are off by what is left of that, and a filter would take it for bias.
-
-    Args:
-        t: (T,) s, stamps of the whole log.
-        params: of the pipeline.
+    arm moves there, the readings are off by what is left of that, and a filter would take it for bias. The stamps
+    t (T,) s are those of the whole log.
     """
     if params.effects is None:
         return float(t[0])
@@ -66,13 +58,7 @@ def settled_at(t: Array, params: Params) -> float:
 
 
 def without_unsettled(samples: Sample, t: Array, params: Params) -> Sample:
-    """The samples of a whole log (effects need it whole) without the wrench before it has settled.
-
-    Args:
-        samples: numpy arrays over the log.
-        t: (T,) s, their stamps.
-        params: of the pipeline.
-    """
+    """The samples of a whole log (effects need it whole) at t (T,) s without the wrench before it has settled."""
     unsettled = np.asarray(t) < settled_at(t, params)
     return samples._replace(wrench=np.where(unsettled[:, None], np.nan, samples.wrench)) if unsettled.any() else samples
 
@@ -93,8 +79,7 @@ def room_for(length: int, least: int = 512) -> int:
 def first_position(q: Array) -> Array:
     """First finite position of every joint; (T, n) -> (n,) rad, NaN if there is none: ``first_measured`` in numpy."""
     q = np.asarray(q)
-    found: Array = q[np.isfinite(q).argmax(0), np.arange(q.shape[1])]
-    return found
+    return q[np.isfinite(q).argmax(0), np.arange(q.shape[1])]
 
 
 def pad(samples: Sample, length: int) -> Sample:

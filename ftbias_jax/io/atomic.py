@@ -1,10 +1,12 @@
-"""Files that are there whole or not at all, and the folders for them."""
+"""Files that are there whole or not at all, JSON among them, and the folders for them."""
 
 import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ftbias_jax.errors import FtbiasError, LogError, OutputError
 from ftbias_jax.setup.save import refuse_link as refuse_link
@@ -20,16 +22,25 @@ def write_json(path: str | os.PathLike[str], content: Mapping[str, Any] | list[A
     write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
-def read_json(path: str, what: str, refusal: type[FtbiasError] = LogError) -> Any:
-    """What a JSON file holds.
+def plain(value: Any) -> Any:
+    """What ``write_json`` writes of a value, all the way down: lists of arrays, None for what is not finite."""
+    match value:
+        case Mapping():
+            return {str(key): plain(item) for key, item in value.items()}
+        case list() | tuple():
+            return [plain(item) for item in value]
+        case None | bool() | int() | str():
+            return value
+        case float():
+            return float(value) if np.isfinite(value) else None
+    return plain(np.asarray(value).tolist())
 
-    Args:
-        path: of the file.
-        what: it should be, for messages.
-        refusal: the error to raise.
+
+def read_json(path: str, what: str, refusal: type[FtbiasError] = LogError) -> Any:
+    """What a JSON file holds; ``what`` it should be is for messages.
 
     Raises:
-        FtbiasError: it cannot be read, is larger than MAX_JSON, or is no JSON.
+        FtbiasError: of the kind ``refusal``: it cannot be read, is larger than MAX_JSON, or is no JSON.
     """
     try:
         with open(path, "rb") as file:

@@ -157,8 +157,7 @@ def log_of_parts(parts: Sequence[Part], setup: Setup, repairs: Repairs, file: st
 def merge_parts(parts: Sequence[Part], file: str = "") -> dict[str, Array]:
     """Streams on one timeline, by the names of their arrays, and "t": NaN where a stream has no sample.
 
-    Samples share a row where their stamps are equal, to the last bit. Of arrays that two streams have, the first is
-    taken.
+    Samples share a row where their stamps are equal, to the last bit. An array of two streams is that of the first.
     """
     t = np.unique(np.concatenate([times for times, _ in parts]))
     merged = {"t": t}

@@ -51,9 +51,7 @@ def jumps(t: Array) -> Array:
 def continue_after_jumps(streams: Sequence[Array], file: str = "") -> tuple[tuple[Array, ...], int]:
     """Stamps that go on PAUSE after the clock was set back, and how often it was; segments stay together.
 
-    Args:
-        streams: (T,) int64 ns for each stream, in the order in which they were stored.
-        file: the name in messages.
+    The stamps of each stream are (T,) int64 ns, in the order in which they were stored.
 
     Raises:
         LogError: the streams do not agree on how often the clock was set back.
@@ -93,8 +91,7 @@ def as_stamps(t: Array, *, file: str = "", field: str = "t") -> Array:
 def stamps_of(t: Array, log: LogSetup) -> Array:
     """(T,) stamps as floating point in s or integers in ns, from the unit that the setup states.
 
-    Whole numbers of a small unit, such as microseconds since 1970, become integers: their nanoseconds do not fit a
-    floating-point number.
+    Whole numbers of a small unit, such as microseconds since 1970, become integers: no float holds their nanoseconds.
     """
     t = np.asarray(t)
     if log.time_unit is None or t.dtype.kind not in "fiu":
@@ -116,10 +113,7 @@ def seconds_of_a_unit(stamps: Array) -> float:
 def on_right_clock(t: Array, log: LogSetup, quantity: str) -> Array:
     """(T,) stamps of one stream, s or integers in ns: the rate of its clock taken off, then its offset added.
 
-    Args:
-        t: as recorded, with their units.
-        log: states the rate of the wrench's clock, [log.clocks], and the offsets, [log.time_offsets].
-        quantity: what the stream is, as these name it.
+    [log.clocks] states the rate of the wrench's clock, [log.time_offsets] the offset of each ``quantity``.
     """
     if quantity == "wrench" and log.wrench_rate and len(t):
         ahead = (t - t[0]) * (1e-6 * log.wrench_rate)
@@ -131,14 +125,8 @@ def on_right_clock(t: Array, log: LogSetup, quantity: str) -> Array:
 def rate_against(stamps: Array, logged: Array) -> tuple[float, float]:
     """ppm by which the clock of a stream's stamps runs fast against the recorder's, and the standard error.
 
-    A message waits before it is logged, and never less than not at all: the rate is that of the shortest waits.
-
-    Args:
-        stamps: (T,) int64 ns, increasing.
-        logged: (T,) int64 ns, by the recorder, of the same messages.
-
-    Returns:
-        0 and infinity if the messages are too few.
+    A message waits before it is logged, and never less than not at all: the rate is that of the shortest waits. Both
+    are (T,) int64 ns of the same messages, the stamps increasing; if these are too few, it is 0 and the error infinite.
     """
     if len(stamps) < LEAST_SAMPLES or stamps[-1] <= stamps[0]:
         return 0.0, np.inf
@@ -152,9 +140,7 @@ def rate_against(stamps: Array, logged: Array) -> tuple[float, float]:
 def longer_in_words(joints: Array, wrench: Array) -> str:
     """What the ends of streams that began together say of the clock of the wrench; "" = nothing.
 
-    Args:
-        joints: (J,) s, increasing, stamps of the joints.
-        wrench: (W,) s, increasing, stamps of the wrench.
+    The stamps of joints (J,) and wrench (W,) are in s and increase.
     """
     if min(len(joints), len(wrench)) < 2:
         return ""
@@ -196,12 +182,8 @@ def put_in_order(
 ) -> Ordered:
     """Sort samples that came a little late, and make one of those that share a stamp, as ``tidy`` does.
 
-    Args:
-        t: (T,) stamps: floating point in s, or integers in ns.
-        columns: name -> (T, ...) real numbers, NaN = not measured.
-        samples: what they are, for the repairs.
-        file: where the stamps come from, for messages.
-        field: where the stamps come from, for messages.
+    Stamps (T,) are floating point in s, or integers in ns; columns (T, ...) are real numbers, NaN = not measured.
+    ``samples`` says in the repairs what they are, ``file`` and ``field`` in messages where the stamps come from.
     """
     t, columns, astray = _without_astray(as_stamps(t, file=file, field=field), columns, samples, file, field)
     if (t[1:] > t[:-1]).all():

@@ -57,12 +57,9 @@ class LogInfo(NamedTuple):
 
 
 def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvage: bool = False) -> LogInfo:
-    """Look into a log.
+    """Look into a log: with a setup whether it can be filtered, else with joints as they come.
 
-    Args:
-        path: the log.
-        setup: judge whether the log can be filtered with it; None = take joints as they come.
-        salvage: of a damaged recording, read what is whole.
+    Of a damaged recording, ``salvage`` reads what is whole.
     """
     if is_ros(path):
         return _describe_ros(path, setup, salvage)

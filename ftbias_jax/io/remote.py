@@ -19,13 +19,13 @@ from urllib.parse import unquote
 
 from ftbias_jax.errors import LogError, OutputError, SetupError
 from ftbias_jax.files import keep_temporary_folder, remove_temporary_folder
-from ftbias_jax.io.limits.budget import need
+from ftbias_jax.io.budget import need
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES
 from ftbias_jax.io.tables.arrays import TABLES
 
 Source = TypeVar("Source")
 MOST_BYTES = 16 << 30
-"""Of one file: as much as the numbers of a log may have (``limits.budget``)."""
+"""Of one file: as much as the numbers of a log may have (``io.budget``)."""
 MOST_KEPT = 8
 """Copies that are kept at a time; a log has four files at most."""
 BYTES_AT_ONCE = 1 << 20

@@ -1,8 +1,6 @@
 """Noise of the readings that the motion of the joints makes."""
 
-from __future__ import annotations
-
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -22,13 +20,12 @@ class MotionNoise(NamedTuple):
         effective = effective_speed_squared(velocity, self.speed)
         if len(self.per_speed) == 1:
             effective = effective.sum(-1, keepdims=True)
-        variance: Array = effective @ self.per_speed
-        return variance
+        return effective @ self.per_speed
 
-    def as_numbers(self) -> MotionNoise:
+    def as_numbers(self) -> Self:
         """The same of NumPy arrays in double precision."""
         speed = None if self.speed is None else float(self.speed)
-        return MotionNoise(np.asarray(self.per_speed, float), speed)
+        return self._replace(per_speed=np.asarray(self.per_speed, float), speed=speed)
 
 
 def effective_speed_squared(velocity: Any, most: Any) -> Any:

@@ -18,20 +18,9 @@ from typing import Any
 import numpy as np
 
 from ftbias_jax.errors import FtbiasError, SetupError, UsageError
-from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue, MakeError
-from ftbias_jax.model.effects.fitting import (
-    SIGNS,
-    ByJoint,
-    Entries,
-    Fitting,
-    Grid,
-    Linear,
-    Samples,
-    Settling,
-    Starts,
-    Step,
-)
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects import fitting
+from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue
+from ftbias_jax.model.effects.terms.parse import TERM, MakeError
 from ftbias_jax.model.effects.types import Effect, Parameter
 from ftbias_jax.setup.types import Setup
 
@@ -165,33 +154,33 @@ def _faults(effect: Effect, known: set[str]) -> Iterator[str]:
 def _faults_of_fit(effect: Effect) -> Iterator[str]:
     """What is wrong with what an effect says about its fit."""
     fit: Any = effect.fit
-    if not isinstance(fit, Fitting):
+    if not isinstance(fit, fitting.Fitting):
         yield f"expected a Fitting, got {type(fit).__name__}"
     search = fit.search
-    if isinstance(search, Samples):
+    if isinstance(search, fitting.Samples):
         if not effect.recording:
             yield "what is read off samples must have a recording"
-        if search.sign not in SIGNS:
-            yield f"the sign {search.sign!r} is none of {', '.join(SIGNS)}"
+        if search.sign not in fitting.SIGNS:
+            yield f"the sign {search.sign!r} is none of {', '.join(fitting.SIGNS)}"
         return
-    if effect.recording and not isinstance(search, Starts):
+    if effect.recording and not isinstance(search, fitting.Starts):
         yield "a recording is read off samples, by Samples(...), or not at all"
     roles = [role for role in search if isinstance(role, str) and role]
-    if isinstance(search, Linear):
+    if isinstance(search, fitting.Linear):
         roles = [name for variant in search.variants for name, _ in variant]
     known = {parameter.name for parameter in effect.parameters}
     yield from (f"there is no parameter {role!r}" for role in roles if role not in known)
     strengths = [p.shape for p in effect.parameters if not p.search and np.any(np.asarray(p.scale, float) > 0)]
     match search:
-        case Settling() | Step() if strengths != [(6,)]:
+        case fitting.Settling() | fitting.Step() if strengths != [(6,)]:
             yield "a series needs one parameter without search, its strength in each of the six channels"
-        case Settling(time) if not effect.parameter(time).starts:
+        case fitting.Settling(time) if not effect.parameter(time).starts:
             yield f"parameter {time!r} needs starts"
-        case Grid() if not any(parameter.starts for parameter in effect.parameters):
+        case fitting.Grid() if not any(parameter.starts for parameter in effect.parameters):
             yield "a grid needs a parameter with starts"
-        case Entries(matrix) if effect.parameter(matrix).shape != (6, 6):
+        case fitting.Entries(matrix) if effect.parameter(matrix).shape != (6, 6):
             yield f"parameter {matrix!r} is no matrix (6, 6)"
-        case ByJoint() if not effect.transform:
+        case fitting.ByJoint() if not effect.transform:
             yield "what moves a joint must have a transform"
 
 

@@ -1,9 +1,7 @@
 """Everything the filter believes about robot, tool, sensor and noise, as one differentiable bundle of arrays."""
 
-from __future__ import annotations
-
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
@@ -70,7 +68,7 @@ class BiasNoise(NamedTuple):
         """What the motion of the joints adds to the noise; None = nothing."""
         return None if self.vibration is None else MotionNoise(self.vibration, self.vibration_speed)
 
-    def at_rest(self) -> BiasNoise:
+    def at_rest(self) -> Self:
         """The same without what the motion adds to the noise."""
         return self._replace(vibration=None, vibration_speed=None)
 
@@ -138,8 +136,7 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     params = params._replace(
         effects=values_of(effects, catalogue) if effects else None, bias=params.bias._replace(**noise)
     )
-    converted: Params = jax.tree.map(partial(as_array, dtype=dtype), params)
-    return converted
+    return jax.tree.map(partial(as_array, dtype=dtype), params)
 
 
 def _split_noise(values: Values, speeds: int, file: str, catalogue: Catalogue) -> tuple[Values, dict[str, Array]]:

@@ -24,8 +24,7 @@ from ftbias_jax.model.effects.catalogue import (
     values_from_setup,
     values_of,
 )
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
-from ftbias_jax.model.effects.terms.parse import flat_numbers
+from ftbias_jax.model.effects.terms.parse import TERM, flat_numbers
 from ftbias_jax.model.effects.types import Effect, Model, Values
 from ftbias_jax.model.own_effects import catalogue_of_setup, check_shown
 from ftbias_jax.model.params import params_from_setup
@@ -214,8 +213,7 @@ def trajectory_of(setup: Setup, motion: str | Log, duration: float, rate: float,
     if setup.pose is not None:
         return tumbling(generate, key, t, len(setup.robot.joint_names))
     center, excursion = trajectories.working_range(setup)
-    made: Trajectory = generate(key, t, jnp.asarray(center), jnp.asarray(excursion))
-    return made
+    return generate(key, t, jnp.asarray(center), jnp.asarray(excursion))
 
 
 def check_motion(duration: float, rate: float, motion: str | Log) -> None:

@@ -56,13 +56,9 @@ class Asked(NamedTuple):
 
 
 def asked_for(name: str, model: Model, catalogue: Catalogue, stated: Mapping[str, EffectValues]) -> Asked:
-    """The numbers of the tool or of an effect.
+    """The numbers of the tool, of the noise or of an effect of the catalogue.
 
-    Args:
-        name: TOOL, NOISE, or an effect of the catalogue.
-        model: what the setup states.
-        catalogue: of the setup.
-        stated: values of effects that are known from the setup or from a diagnosis; others have typical values.
+    What the setup or a diagnosis has not ``stated`` of an effect has typical values.
 
     Raises:
         UsageError: there is no such effect, or a mean reading does not depend on its numbers.
@@ -136,15 +132,9 @@ def _rows(effect: Effect, parameter: Parameter, values: np.ndarray) -> list[tupl
 def reading(
     signals: Signals, known: Values, base: Array, x: Float[Array, " P"], name: str, catalogue: Catalogue
 ) -> Float[Array, "U 6"]:
-    """What the sensor should read with these values of the numbers that are asked for, (U, 6) N, Nm.
+    """What the sensor should read, (U, 6) N, Nm, with values x (P,) of the numbers that are asked for.
 
-    Args:
-        signals: the motion and the model.
-        known: effects that the setup states.
-        base: all numbers of the effect, as in ``Asked``.
-        x: (P,) those asked for.
-        name: TOOL, or the effect's.
-        catalogue: of the setup.
+    ``base`` has all numbers of the effect, as in ``Asked``; beside it are the ``known`` effects that the setup states.
     """
     if name == TOOL:
         model = signals.model._replace(theta=tool_parameters(x[0], x[1:4], x[4:]))
@@ -178,8 +168,7 @@ def inertia_std(asked: Sequence[Asked], model: Model, catalogue: Catalogue) -> n
         mass_and_center, inertia = jnp.split(jnp.abs(changed) > ROUNDING * jnp.abs(model.theta).max(), [4])
         if inertia.any() and not mass_and_center.any():
             return np.zeros(6)
-    std: np.ndarray = LOOSE * tool_units(float(model.theta[0]))[4:]
-    return std
+    return LOOSE * tool_units(float(model.theta[0]))[4:]
 
 
 def columns(signals: Signals, known: Values, numbers: Any, names: tuple[str, ...], catalogue: Catalogue) -> Array:
@@ -187,18 +176,10 @@ def columns(signals: Signals, known: Values, numbers: Any, names: tuple[str, ...
 
     The latter are, name by name, what the reading with the effect departs by from that with the other one at the values
     at which it comes nearest, and the derivatives by these; last what the tool's inertia (6,) can do, per standard
-    deviation.
+    deviation. The numbers are as in ``climb.Task``.
 
     Central differences stand for derivatives in float64: the search goes through them backwards, and its program is
     compiled in half of the time.
-
-    Args:
-        signals: the motion and the model.
-        known: effects that the setup states.
-        numbers: of each name ``Asked.base``, typical departures (P,) and values (P,); of two names also the values
-            nearest to the other, and then ``inertia_std``.
-        names: one or two.
-        catalogue: of the setup.
     """
 
     def seen(name: str, base: Array, scale: Array, *at: Array) -> tuple[Array, Array]:

@@ -49,8 +49,7 @@ def largest_excess(task: Task, motion: Motion, catalogue: Catalogue) -> Float[np
         ahead = zip((task.start[None], rest, rest), (motion.q, motion.dq, motion.ddq), strict=True)
         piece = [np.concatenate([at_first, x[rows]]) for at_first, x in ahead]
         found.append(np.asarray(_excess(limits, task.model, task.known, *piece, catalogue=catalogue)))
-    largest: np.ndarray = np.max(found, 0)
-    return largest
+    return np.max(found, 0)
 
 
 def excess_at_rest(task: Task, catalogue: Catalogue) -> Float[np.ndarray, " 4"]:
@@ -62,14 +61,7 @@ def excess_at_rest(task: Task, catalogue: Catalogue) -> Float[np.ndarray, " 4"]:
 def within_limits(
     task: Task, coefficients: Float[np.ndarray, "n M"], duration: float, catalogue: Catalogue
 ) -> Float[np.ndarray, "n M"]:
-    """Coefficients of the same motion, joint by joint as large as its limits let it be, and as the space lets it.
-
-    Args:
-        task: with the limits.
-        coefficients: (n, M) of the motion.
-        duration: s.
-        catalogue: of the setup.
-    """
+    """Coefficients (n, M) of the same motion, joint by joint as large as the limits, and the space, let it be."""
     at = partial(motion_at, times(duration), duration, task.start)
     scale = (1 - ROUNDING) / np.maximum(shares(task.limits, task.start, at(coefficients)).max(0), ROUNDING)
 
@@ -87,15 +79,13 @@ def within_limits(
 
 def times(duration: float) -> Float[np.ndarray, " T"]:
     """(T,) s at CHECK_RATE, both ends included."""
-    stamps: np.ndarray = np.linspace(0.0, duration, int(np.ceil(duration * CHECK_RATE)) + 1)
-    return stamps
+    return np.linspace(0.0, duration, int(np.ceil(duration * CHECK_RATE)) + 1)
 
 
 def shares(limits: Limits, start: np.ndarray, motion: Motion) -> Float[np.ndarray, "4 n"]:
     """(4, n) the largest share of its room about the first pose, and of its rates, that each joint uses."""
     moved = np.stack([motion.q - start, motion.dq, motion.ddq, motion.jerk])
-    largest: np.ndarray = np.array(joint_shares(limits, start, moved)).max(1)
-    return largest
+    return np.array(joint_shares(limits, start, moved)).max(1)
 
 
 def used_shares(limits: Limits, start: np.ndarray, motion: Motion) -> Float[np.ndarray, "4 n"]:

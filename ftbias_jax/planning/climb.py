@@ -158,10 +158,10 @@ def separations(told: Float[Array, "C C"], second: int) -> list[Array]:
             round, and what the six numbers of the inertia can do.
         second: how many derivatives the second has.
     """
-    return [unexplained(told[np.ix_(rows, rows)], 6) for rows in _either(len(told), second)]
+    return [unexplained(told[np.ix_(rows, rows)], 6) for rows in either(len(told), second)]
 
 
-def _either(count: int, second: int) -> list[np.ndarray]:
+def either(count: int, second: int) -> list[np.ndarray]:
     """Places of the first's and of the second's columns among all of ``asked.columns``, those of the inertia last."""
     one, two, inertia = np.split(np.arange(count), [second + 1, count - 6])
     return [np.concatenate([one, inertia]), np.concatenate([two, inertia])]
@@ -222,7 +222,7 @@ def with_nearest(task: Task, coefficients: np.ndarray, names: tuple[str, ...], c
 
     for _ in range(NEAREST_STEPS):
         told, before = told_by(with_values(*tried), coefficients, names, catalogue), list(least)
-        for i, rows in enumerate(_either(len(told), len(two[2]))):
+        for i, rows in enumerate(either(len(told), len(two[2]))):
             products = told[np.ix_(rows, rows)]
             if products[0, 0] < least[i]:
                 least[i], best[i], size = products[0, 0], tried[i], len(tried[i])
@@ -241,15 +241,7 @@ def with_nearest(task: Task, coefficients: np.ndarray, names: tuple[str, ...], c
 def best_shape(
     task: Task, names: tuple[str, ...], catalogue: Catalogue, seed: int, progress: Callable[[float], None]
 ) -> np.ndarray:
-    """Numbers (n, M) of the best motion found, for ``shape.within``.
-
-    Args:
-        task: what is asked, where, with which noise.
-        names: of what is asked.
-        catalogue: of the setup.
-        seed: of the starts.
-        progress: called with the share that is done.
-    """
+    """Numbers (n, M) of the best motion found, for ``shape.within``; ``progress`` gets the share that is done."""
     count, size = task.points.basis.shape[2], len(task.start)
     starts = random_shapes(seed, STARTS, size, (count - 1) // 2)
     total, done = STARTS * FEW_STEPS + FINALISTS * CALLS, 0

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ftbias_jax.errors import UsageError, printable
-from ftbias_jax.io.limits.budget import need
+from ftbias_jax.io.budget import need
 from ftbias_jax.io.write.mcap import CDR, schema_with_header
 from ftbias_jax.planning.limits import NOT_KNOWN
 from ftbias_jax.planning.shape import Motion
@@ -122,11 +122,7 @@ JOINTS = {"ur": (6, "a robot of Universal Robots"), "franka": (7, "a Franka arm"
 
 
 def check_controllers(setup: Setup, formats: Iterable[str]) -> None:
-    """Refuse formats of robots that the setup's arm is not.
-
-    Args:
-        setup: with the arm.
-        formats: keys of FORMATS.
+    """Refuse formats, keys of FORMATS, of robots that the setup's arm is not.
 
     Raises:
         UsageError: there is no such format, or the arm has another number of joints. OutputError: the package that

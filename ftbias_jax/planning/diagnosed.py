@@ -22,11 +22,7 @@ class Diagnosed(NamedTuple):
 
 
 def read_diagnosis(path: str | os.PathLike[str], catalogue: Catalogue) -> Diagnosed:
-    """The causes and candidates of a diagnosis; of those whose values are no such values, nothing.
-
-    Args:
-        path: JSON that ``Diagnosis.to_json`` wrote.
-        catalogue: with the effects that it names.
+    """The causes and candidates in what ``Diagnosis.to_json`` wrote; of those whose values are no such values, nothing.
 
     Raises:
         UsageError: the file cannot be read, or is no diagnosis.

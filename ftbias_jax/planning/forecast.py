@@ -11,7 +11,7 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.model.effects.catalogue import Catalogue
 from ftbias_jax.model.effects.types import Effect, Signals, Values
 from ftbias_jax.planning.asked import Asked, columns
-from ftbias_jax.planning.climb import separations
+from ftbias_jax.planning.climb import either, separations
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array
 
@@ -83,7 +83,9 @@ def forecast(
             same to every motion.
     """
     both = of_plan if of_logs is None else of_plan + of_logs
-    places = _places(asked)
+    places = [np.arange(len(both))]
+    if len(asked) == 2:  # the derivatives by the second's numbers come first, beside what the first has beyond it
+        places = [rows[1:-6] for rows in reversed(either(len(both), len(asked[1].at)))]
     cannot = [one for a, at in zip(asked, places, strict=True) for one in undetermined(both[np.ix_(at, at)], a)]
 
     def stds(told: np.ndarray) -> np.ndarray:
@@ -110,14 +112,6 @@ def forecast(
         separates,
         tuple(cannot),
     )
-
-
-def _places(asked: Sequence[Asked]) -> list[np.ndarray]:
-    """Where the derivatives by the parameters of each are among ``asked.columns``."""
-    if len(asked) == 1:
-        return [np.arange(len(asked[0].at))]
-    first, second = (len(a.at) for a in asked)
-    return [2 + second + np.arange(first), 1 + np.arange(second)]
 
 
 def _twins(name: str, told: np.ndarray, second: int, effects: Sequence[Effect]) -> list[Cannot]:
@@ -171,18 +165,11 @@ def columns_of_log(
 
 
 def information_of_logs(problem: Problem, names: tuple[str, ...], numbers: Any) -> Float[np.ndarray, "C C"]:
-    """(C, C) products of the columns in standard deviations of the noise that recorded logs show.
-
-    Args:
-        problem: the logs.
-        names: of what is asked for.
-        numbers: as of ``asked.columns``.
-    """
+    """(C, C) products of ``asked.columns`` in standard deviations of the noise that recorded logs show."""
     told = []
     for part in problem.parts:
         made = columns_of_log(part.signals, problem.known, numbers, names=names, catalogue=problem.catalogue)
         white = part.whiten(np.asarray(made)[:, : part.used])
         flat = white.reshape(len(white), -1)
         told.append(flat @ flat.T)
-    whole: np.ndarray = np.sum(told, axis=0)
-    return whole
+    return np.sum(told, axis=0)

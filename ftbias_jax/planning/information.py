@@ -32,10 +32,7 @@ def bias_shapes(
 ) -> Nuisance:
     """Of the bias process of ``process_models.drift_noise`` at times t (U,) s.
 
-    Args:
-        t: s.
-        density: (6,) sigma_Q.
-        prior_std: (12,) square root of P_0, bias then drift.
+    The density (6,) is sigma_Q; prior_std (12,) is the square root of P_0, bias then drift.
     """
     t = np.asarray(t, float) - t[0]
     low, high = np.minimum.outer(t, t), np.maximum.outer(t, t)
@@ -51,10 +48,8 @@ def information(
 ) -> Float[Array, "P P"]:
     """Products of columns with one another under the noise, with bias and drift as nuisance: the Fisher information.
 
-    Args:
-        columns: (P, U, 6) N, Nm by each parameter.
-        variance: (U, 6) N^2, Nm^2 of white noise; infinite where nothing was measured.
-        nuisance: the bias process at the same samples.
+    The columns (P, U, 6) are N, Nm by each parameter; the variance (U, 6) N^2, Nm^2 is that of white noise, infinite
+    where nothing was measured.
     """
     white = columns / jnp.sqrt(variance)[None]
     shapes = nuisance.shapes[None] * nuisance.std[:, None] / jnp.sqrt(variance).T[:, :, None]  # (6, U, r)

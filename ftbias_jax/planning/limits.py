@@ -59,12 +59,10 @@ class Limits(NamedTuple):
 
 
 def limits_of(setup: Setup, start: Float[np.ndarray, " n"], margin: float) -> tuple[Limits, tuple[str, ...]]:
-    """Limits of a setup for motions from a pose, and in words what was assumed because nobody states it.
+    """Limits of a setup for motions from a pose (n,) rad, and in words what was assumed because nobody states it.
 
-    Args:
-        setup: the robot's own limits, and [limits], which come first.
-        start: (n,) rad, the first and last pose.
-        margin: share of every range that is left unused, 0 to 1.
+    The robot's own limits count where [limits] says nothing; ``margin`` is the share of every range that is left
+    unused.
     """
     stated, robot, assumed = setup.limits, setup.robot, []
     lowest, highest = (np.full(len(start), x) for x in (-np.inf, np.inf))
@@ -114,10 +112,7 @@ def _space(setup: Setup, stated: LimitsSetup, up: np.ndarray, share: float) -> t
 def joint_shares(limits: Limits, start: Float[Array, " n"], motion: Float[Array, "4 U n"]) -> Float[Array, "4 U n"]:
     """How much of its limit each joint uses: (4, U, n) of position, velocity, acceleration and jerk; 1 = all of it.
 
-    Args:
-        limits: of the joints.
-        start: (n,) rad, the first pose, from which positions count.
-        motion: (4, U, n) positions less those of the start, and their three derivatives.
+    The motion (4, U, n) has positions less those of the start (n,), rad, and their three derivatives.
     """
     position, *rates = motion
     room = jnp.where(position > 0, (limits.upper - start)[None], (start - limits.lower)[None])
@@ -128,10 +123,7 @@ def joint_shares(limits: Limits, start: Float[Array, " n"], motion: Float[Array,
 def excess(limits: Limits, moving: ArmMotion, wrench: Float[Array, "U 6"]) -> Float[Array, "4 U"]:
     """By how much box, floor, cone and wrench are exceeded, the worst of each: (4, U), 0 or less = kept.
 
-    Args:
-        limits: of the points, the orientation and the wrench.
-        moving: of the arm, whose first sample is the first pose.
-        wrench: (U, 6) N, Nm of the tool on the sensor.
+    The arm is in its first pose in the first sample; the wrench (U, 6) N, Nm is that of the tool on the sensor.
     """
     rotation, origin = moving.sensor_rotation, moving.sensor_position
     points = origin[None] + jnp.einsum("ijt,kj->kit", rotation, limits.points)
@@ -149,13 +141,7 @@ SPACE = ("box", "floor", "orientation", "wrench")
 
 
 def check_start(limits: Limits, start: np.ndarray, names: tuple[str, ...], at_rest: np.ndarray) -> None:
-    """Refuse a first pose that is outside of the limits already.
-
-    Args:
-        limits: of the plan.
-        start: (n,) rad.
-        names: of the joints.
-        at_rest: (4,) ``excess`` in that pose.
+    """Refuse a first pose (n,) rad that is outside of the limits already; ``at_rest`` (4,) is the ``excess`` there.
 
     Raises:
         UsageError: a joint, or a point, is where it may not be.

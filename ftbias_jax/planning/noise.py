@@ -24,12 +24,8 @@ def noise_of(
 ) -> Noise:
     """Noise of the readings while the joints move like this.
 
-    Args:
-        setup: what its owner believes.
-        q: (T, n) rad at so many samples a second, without noise.
-        dq: (T, n) rad/s.
-        rate: samples a second of the log, Hz.
-        grid_t: (U,) s, the bins of the plan, evenly spaced.
+    q (T, n) rad and dq (T, n) rad/s have ``rate`` samples a second, as the log will, and no noise; grid_t (U,) s are
+    the bins of the plan, evenly spaced.
     """
     options, rng, joints = options_from_setup(setup), np.random.default_rng(0), setup.joints
     q, dq = (
@@ -49,12 +45,9 @@ def noise_of(
 
 
 def smoothed_covariance(noise: JointNoise, model: str, dt: float) -> Float[np.ndarray, "n 3 3"]:
-    """(n, 3, 3) of smoothed positions, velocities and accelerations, far from both ends of an evenly sampled log.
+    """(n, 3, 3) of smoothed positions, velocities and accelerations, far from both ends of a log with steps of dt s.
 
-    Args:
-        noise: of the joints.
-        model: key of ``process_models.JOINT_MODELS``.
-        dt: s.
+    The model is a key of ``process_models.JOINT_MODELS``.
     """
     densities = np.asarray(noise.process_density, float)
     A, Q = (
@@ -69,7 +62,7 @@ def smoothed_covariance(noise: JointNoise, model: str, dt: float) -> Float[np.nd
         gain = predicted @ H.T @ np.linalg.inv(H @ predicted @ H.T + R)
         P = predicted - gain @ H @ predicted
     back = P @ At @ np.linalg.inv(predicted)
-    smoothed: np.ndarray = P
+    smoothed = P
     for _ in range(SETTLES):
         smoothed = P + back @ (smoothed - predicted) @ back.transpose(0, 2, 1)
     return smoothed

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
+from ftbias_jax.check.motion import arm_motion
 from ftbias_jax.diagnosis.report.page import bullets, figure, html_table, section, typeset, whole_page
 from ftbias_jax.diagnosis.report.plots import MAX_BUCKETS
 from ftbias_jax.diagnosis.report.svg import (
@@ -25,8 +24,6 @@ from ftbias_jax.diagnosis.report.svg import (
     thin,
     x_axis,
 )
-from ftbias_jax.model.kinematics.screws import sensor_pose
-from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.planning.limits import NOT_KNOWN, QUANTITIES, limits_of
 
 if TYPE_CHECKING:
@@ -70,12 +67,8 @@ def tip_path(plan: Plan) -> np.ndarray:
     """(T, 3) m, base frame: where the tip of the tool goes, or its centre of mass if the setup states no tip."""
     step = max(1, len(plan.motion.t) // PATH_POINTS)
     limits, _ = limits_of(plan.setup, plan.motion.q[0], 0.0)
-    arm = params_from_setup(plan.setup).arm
-    rotation, position = (
-        np.asarray(x) for x in jax.jit(jax.vmap(lambda q: sensor_pose(arm, q)))(jnp.asarray(plan.motion.q[::step]))
-    )
-    path: np.ndarray = position + rotation @ limits.points[-1]
-    return path
+    moving = arm_motion(plan.setup.robot, plan.setup.sensor, *(x[::step] for x in plan.motion[1:4]))
+    return moving.position + moving.rotation @ limits.points[-1]
 
 
 def _path(plan: Plan, name: str, across: int, up: int) -> str:

@@ -170,16 +170,8 @@ def make_task(
 ) -> tuple[Task, np.ndarray]:
     """What a motion's worth depends on, on bins that see its fastest harmonic, with the noise of a random motion.
 
-    Beside it the coefficients (n, M) of that one.
-
-    Args:
-        setup: what its owner believes.
-        params: the same as arrays.
-        limits: of the plan.
-        start: (n,) rad, the first pose.
-        numbers: of what the motion shall tell, as in ``Task``.
-        duration: s.
-        rate: Hz, of the log.
+    Beside it the coefficients (n, M) of that one. The motion is from the pose ``start`` (n,) rad and takes ``duration``
+    s, of which the log has ``rate`` samples each; ``params`` are the setup as arrays, ``numbers`` as in ``Task``.
     """
     harmonics = harmonics_for(limits, duration)
     bins = round(duration * max(LEAST_RATE, BINS_A_PERIOD * harmonics / duration))

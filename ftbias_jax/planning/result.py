@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ftbias_jax.io.atomic import write_atomic, write_json
+from ftbias_jax.io.atomic import plain, write_atomic, write_json
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.write import writer
 from ftbias_jax.io.write.provenance import Provenance, provenance, source_of
@@ -56,11 +56,7 @@ class Plan:
     """That it took."""
 
     def at(self, t: np.ndarray) -> Motion:
-        """The motion at any times t (T,) s; before and after it the arm stands still.
-
-        Args:
-            t: (T,) s since its start.
-        """
+        """The motion at any times t (T,) s since its start; before and after it the arm stands still."""
         return motion_at(np.asarray(t, float), self.options.duration, self.motion.q[0], self.coefficients)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -81,9 +77,6 @@ class Plan:
 
     def to_html(self, path: str | os.PathLike[str]) -> None:
         """Write a page: what the motion will tell, its path, and the limits it uses.
-
-        Args:
-            path: of the page.
 
         Raises:
             OutputError: the file cannot be written there.
@@ -115,10 +108,8 @@ class Plan:
         """Expected standard errors, what is separated, what cannot be, and shares of limits, as plain numbers."""
         told = self.forecast
 
-        def named(stds: np.ndarray | None) -> dict[str, float | None] | None:
-            if stds is None:
-                return None
-            return {label: float(x) if np.isfinite(x) else None for label, x in zip(told.labels, stds, strict=True)}
+        def named(stds: np.ndarray | None) -> Any:
+            return None if stds is None else plain(dict(zip(told.labels, stds, strict=True)))
 
         return {
             "duration": self.options.duration,

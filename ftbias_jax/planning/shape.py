@@ -18,7 +18,6 @@ MOST_HARMONICS = 64
 SHARPNESS = 40.0
 """Exponent of the norm that stands for the largest share: it exceeds it by a twentieth or so, and has a derivative."""
 
-
 ROWS = 8192
 """Times at which a motion is worked out together."""
 
@@ -119,5 +118,4 @@ def random_shapes(key: int, count: int, joints: int, harmonics: int) -> Float[np
     rng = np.random.default_rng(key)
     order = np.arange(1, harmonics + 1)
     size = np.concatenate([[0.5], *[np.exp(-order / (0.3 * harmonics)) / np.sqrt(order)] * 2])
-    shapes: np.ndarray = rng.normal(size=(count, joints, 2 * harmonics + 1)) * size
-    return shapes
+    return rng.normal(size=(count, joints, 2 * harmonics + 1)) * size

@@ -3,10 +3,14 @@
 XLA starts a kernel for every few operations, and for arrays of a few numbers starting costs fifty times the arithmetic.
 A call that carries XLA's mark of small calls is compiled as a whole instead, its loops included. A version of XLA that
 does not know the mark ignores it: results are the same and take longer. Matrix products have no place in such a call.
+
+Logs are padded to powers of two, so that logs of many lengths share a few programs. On a processor their work is done
+in pieces, and a piece without a sample of the log is passed over: of a program for 8,192 samples a log of 5,000 takes
+the time of 5,120.
 """
 
 from collections.abc import Callable
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar
 
 import jax
 import jax.custom_batching
@@ -17,6 +21,9 @@ from jax.experimental.xla_metadata import set_xla_metadata
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+PIECE = 256
+"""Samples: of a log as many as half of that are padding, on average."""
 
 
 def compile_whole(function: Callable[P, R]) -> Callable[P, R]:
@@ -38,8 +45,7 @@ def compile_whole(function: Callable[P, R]) -> Callable[P, R]:
         # XLA crashes on a marked call into which it has moved a constant argument; none passes a barrier.
         arguments, named = jax.lax.optimization_barrier((arguments, named))
         with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
-            result: R = whole(*arguments, **named)
-        return result
+            return whole(*arguments, **named)
 
     return call
 
@@ -51,13 +57,12 @@ def compile_forward(function: Callable[..., R]) -> Callable[..., R]:
     """
     whole: Any = jax.custom_vjp(compile_whole(function))
     whole.defvjp(lambda *arguments: jax.vjp(function, *arguments), lambda pull, bar: pull(bar))
-    return cast("Callable[..., R]", whole)
+    return whole
 
 
 def running_sum(x: Array) -> Array:
     """Sums over the first axis; ``jnp.cumsum`` takes several times as long to compile and to run on a processor."""
-    total: Array = compile_whole(_running_sum)(x)
-    return total
+    return compile_whole(_running_sum)(x)
 
 
 def _running_sum(x: Array) -> Array:
@@ -94,7 +99,7 @@ def _looped(function: Callable[..., Any], *, nested: bool) -> Callable[..., Any]
         return found, jax.tree.map(lambda _: bool(mapped), found)
 
     looped.def_vmap(rule)
-    return cast("Callable[..., Any]", looped)
+    return looped
 
 
 def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -128,7 +133,7 @@ def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
         return jax.tree.map(lambda a: None if a is None else next(rest), asked, is_leaf=lambda a: a in (None, ()))
 
     whole.defvjp(forward, backward, symbolic_zeros=True)
-    return cast("Callable[..., Any]", whole)
+    return whole
 
 
 def _differentiated_once(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -139,7 +144,41 @@ def _differentiated_once(function: Callable[..., Any]) -> Callable[..., Any]:
         raise TypeError("can't apply forward-mode differentiation (jvp) to a function that has a reverse pass alone")
 
     once.defjvp(refuse)
-    return cast("Callable[..., Any]", once)
+    return once
+
+
+def over_pieces(
+    work: Callable[[Any, Any], tuple[Any, Any]], state: Any, log: Any, length: int | Array, *, reverse: bool = False
+) -> tuple[Any, Any]:
+    """Carry a state through the pieces of a padded log.
+
+    Args:
+        work: state, and a piece of the log -> the state after it, and results with a leading time axis; padding must
+            not change the state.
+        state: before the first piece, or after the last one.
+        log: a tree of arrays (T, ...).
+        length: samples at the start that are of the log; what is worked out for the others means nothing.
+        reverse: from the last piece to the first.
+
+    Returns:
+        the last state and the results (T, ...).
+    """
+    room = len(jax.tree.leaves(log)[0])
+    if room <= PIECE or room % PIECE or not on_cpu():
+        return work(state, log)
+    pieces = jax.tree.map(lambda x: x.reshape(-1, PIECE, *x.shape[1:]), log)
+    shapes = jax.eval_shape(work, state, jax.tree.map(lambda x: x[0], pieces))[1]
+
+    def pass_over(state: Any, piece: Any) -> tuple[Any, Any]:
+        return state, jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+
+    def body(state: Any, numbered: Any) -> tuple[Any, Any]:
+        first, piece = numbered
+        return jax.lax.cond(first < length, work, pass_over, state, piece)
+
+    numbered = (jnp.arange(0, room, PIECE), pieces)
+    last, found = jax.lax.scan(body, state, numbered, reverse=reverse)
+    return last, jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), found)
 
 
 def of_some(function: Any, chosen: Any, arguments: Any) -> tuple[Callable[[list[Array]], Any], list[Array]]:

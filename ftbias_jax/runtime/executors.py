@@ -1,16 +1,22 @@
-"""Tasks done by the executor of a cluster that people already run: Dask, Ray, MPI, or any of ``concurrent.futures``."""
+"""Tasks done by an executor: of a cluster that people already run, Dask, Ray or MPI, or by processes of our own.
+
+These do not take each other down: where the system kills one, its task is tried again by itself.
+"""
 
 import importlib
+import multiprocessing
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import islice
 from typing import Any, TypeVar
 
 from ftbias_jax.errors import UsageError
-from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.runtime.jax_config import in_float64, prepare_jax
+from ftbias_jax.runtime.signals import end_with_parent, interrupts_blocked, stop_if_ending
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -23,14 +29,6 @@ TRIES = 2
 """Of a task whose worker is lost."""
 PATIENCE = 20
 """s in which a scheduler must answer."""
-
-
-class Own(Executor):
-    """An executor of this package, which can look after a task whose worker was lost."""
-
-    def again(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
-        """Submit such a task so that it takes no other down with it."""
-        raise NotImplementedError
 
 
 def run_with(
@@ -57,7 +55,7 @@ def run_with(
     flying = dict[Future[tuple[list[Result], Exception | None, float]], tuple[tuple[Task, ...], int]]()
 
     def submit(bundle: tuple[Task, ...], tried: int) -> None:
-        how = executor.again if tried and isinstance(executor, Own) else executor.submit
+        how = executor.again if tried and isinstance(executor, Processes) else executor.submit
         try:
             flying[how(_in_float64, work, bundle)] = bundle, tried + 1
         except (BrokenExecutor, RuntimeError) as error:
@@ -92,6 +90,60 @@ def _in_float64(work: Callable[[Task], Result], bundle: Iterable[Task]) -> tuple
     except Exception as error:
         return results, error, 0.0
     return results, None, time.perf_counter() - started
+
+
+def run_each(work: Callable[[Task], Result], tasks: Iterable[Task], jobs: int) -> Iterator[tuple[Task, Result | None]]:
+    """Every task with its result as it gets ready, or with None if its process was killed.
+
+    So many ``jobs`` are done at a time, by work that can be pickled; with 1 in this process, where JAX is as the caller
+    prepared it.
+    """
+    if jobs == 1:
+        yield from ((task, work(task)) for task in tasks)
+        return
+    with Processes(jobs) as processes:
+        yield from run_with(processes, work, tasks, jobs)
+
+
+class Processes(Executor):
+    """So many processes, and new ones where the system killed one, for all are lost with it."""
+
+    def __init__(self, jobs: int) -> None:
+        self._jobs, self._pool = jobs, _pool(jobs)
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """As of every executor."""
+        with interrupts_blocked():  # submitting starts processes
+            try:
+                return self._pool.submit(fn, *args, **kwargs)
+            except BrokenProcessPool:
+                self._pool = _pool(self._jobs)
+                return self._pool.submit(fn, *args, **kwargs)
+
+    def again(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
+        """A task whose process was lost, in one of its own: the guilty one shows when it is alone."""
+        stop_if_ending()
+        with _pool(1) as pool:
+            future = pool.submit(fn, *args)
+            wait([future])
+        stop_if_ending()
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """As of every executor."""
+        self._pool.shutdown(wait, cancel_futures=cancel_futures)
+
+
+def _pool(jobs: int) -> ProcessPoolExecutor:
+    # Spawned, not forked: JAX runs threads, which a fork would leave behind in the middle of what they do.
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(jobs, mp_context=context, initializer=_prepare)
+
+
+def _prepare() -> None:
+    """What every process of a pool does first."""
+    end_with_parent()
+    prepare_jax()
 
 
 @contextmanager
@@ -134,5 +186,4 @@ class _Ray(Executor):
         self.ray = ray
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = self.ray.remote(fn).remote(*args, **kwargs).future()
-        return future
+        return self.ray.remote(fn).remote(*args, **kwargs).future()

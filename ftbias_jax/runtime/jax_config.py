@@ -43,9 +43,8 @@ def prepare_jax() -> None:
 def keep_programs() -> None:
     """Keep compiled programs in the user's cache folder, so that the next process need not compile them.
 
-    What JAX was already told about a cache (``JAX_COMPILATION_CACHE_DIR``, ``JAX_ENABLE_COMPILATION_CACHE``) stays,
-    and ``FTBIAS_CACHE=off`` keeps nothing. Where no folder can be made, everything works and is
-    compiled anew each time.
+    What JAX was already told about a cache (``JAX_COMPILATION_CACHE_DIR``, ``JAX_ENABLE_COMPILATION_CACHE``) stays, and
+    ``FTBIAS_CACHE=off`` keeps nothing. Where no folder can be made, everything works and is compiled anew each time.
     """
     config: Any = jax.config  # JAX's types do not know its settings
     decided = config.jax_compilation_cache_dir is not None or not config.jax_enable_compilation_cache
@@ -104,8 +103,7 @@ def same_precision(function: Callable[P, R]) -> Callable[P, R]:
 
 def _precision(wide: bool) -> AbstractContextManager[object]:
     # Where nothing changes nothing is set: JAX would trace its programs again.
-    context: AbstractContextManager[object] = nullcontext() if wide == is_wide() else jax.enable_x64(wide)
-    return context
+    return nullcontext() if wide == is_wide() else jax.enable_x64(wide)
 
 
 def is_wide() -> bool:

@@ -145,8 +145,7 @@ def compiled_for_few_calls() -> Iterator[None]:
 def keep_program(*static: str) -> Callable[[Callable[..., Any]], KeptProgram]:
     """Make a function of trees of arrays a program that is kept.
 
-    Args:
-        static: names of arguments that are part of the program; they are given by name.
+    The arguments of the ``static`` names are part of the program, and given by name.
     """
     return lambda function: KeptProgram(function, static)
 
@@ -184,11 +183,7 @@ def _content(path: Path) -> bytes:
 
 
 def _path(words: str) -> Path | None:
-    """Where a program is kept; None = nowhere.
-
-    Args:
-        words: all that it depends on beside package, versions and processor.
-    """
+    """Where a program is kept, by words for what it depends on beside package, versions, processor; None = nowhere."""
     config: Any = jax.config  # JAX's types do not know its settings
     folder = config.jax_compilation_cache_dir
     if not folder or not config.jax_enable_compilation_cache or ADDRESS in words or not on_cpu():

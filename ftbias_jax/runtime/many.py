@@ -21,13 +21,9 @@ def do_each(
     executor: Executor | None,
     told: Callable[[Result | None], object] = lambda result: None,
 ) -> list[Result | None]:
-    """Results in the order of the tasks; None = the workers of a task were lost again and again.
+    """Results of work (``run_with``) in the order of the tasks; None = the workers of a task were lost again and again.
 
-    Args:
-        work: as of ``run_with``.
-        tasks: taken one at a time.
-        executor: whose workers do them; None = this thread does.
-        told: called with each result as it gets ready.
+    Tasks are taken one at a time, by the executor's workers or this thread; ``told`` gets each result as it gets ready.
     """
     found: dict[int, Result | None] = {}
     numbered = enumerate(tasks)
@@ -72,13 +68,7 @@ def results_of(
     executor: Executor | None,
     told: Callable[[Result | FtbiasError | None], object] = lambda result: None,
 ) -> Results[Result]:
-    """The result of every log by itself, or why it has none.
-
-    Args:
-        work: what to do with a log or its path; can be pickled.
-        logs: taken one at a time.
-        executor: as of ``do_each``.
-        told: as of ``do_each``.
+    """The result of every log, or path of one, by itself, or why it has none; otherwise as ``do_each``.
 
     Raises:
         UsageError: there is no log.

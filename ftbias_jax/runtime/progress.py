@@ -15,13 +15,7 @@ OFTEN, SELDOM = 0.2, 10.0
 
 
 class Progress:
-    """Call it with the amount done; nothing is shown for tasks shorter than two seconds.
-
-    Args:
-        label: what is being done.
-        total: the amount that is everything.
-        stream: where to write.
-    """
+    """Call it with the amount done, of a ``total``; nothing is shown for tasks shorter than two seconds."""
 
     def __init__(self, label: str, total: float, stream: TextIO | None = None) -> None:
         self._label, self._total, self._stream = label, total or 1, stream if stream is not None else sys.stderr
@@ -54,10 +48,6 @@ class Stages:
     """What a task is at whose steps take as long as they take: call it with the name of each stage as it begins.
 
     Shown by a thread of its own, for a stage may be in compiled code. On a terminal the line is gone at the end.
-
-    Args:
-        label: what is being done.
-        stream: where to write.
     """
 
     def __init__(self, label: str, stream: TextIO | None = None) -> None:

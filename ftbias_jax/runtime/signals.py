@@ -28,12 +28,9 @@ _ending = threading.Event()
 
 
 def end_on_signals(message: str = "") -> None:
-    """From now on, end this process when it is interrupted or terminated; to be called in the main thread.
+    """From now on, end this process when it is interrupted or terminated, with a message on standard error.
 
-    A signal that was ignored when the process started, as under nohup, stays ignored.
-
-    Args:
-        message: printed on standard error; "" = nothing, for children.
+    To be called in the main thread. A signal that was ignored when the process started, as under nohup, stays ignored.
     """
     listen, tell = os.pipe()
     os.set_blocking(tell, False)
@@ -45,15 +42,15 @@ def end_on_signals(message: str = "") -> None:
 
 
 def end_with_parent() -> None:
-    """From now on, end this process when its parent has ended, even if that was killed and could tell nobody."""
+    """``end_on_signals`` for a process of a pool, which leaves Ctrl-C to its parent, and ends when that has ended.
+
+    The terminal sends Ctrl-C to both; a parent that is killed can tell nobody.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_on_signals()
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_wait_for_end, args=(parent.sentinel,), daemon=True).start()
-
-
-def ignore_interrupts() -> None:
-    """Leave Ctrl-C, which the terminal sends to children too, to the parent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager

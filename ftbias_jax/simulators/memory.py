@@ -42,5 +42,4 @@ def delayed_by(delay: Array, ages: Array, history: Array) -> Array:
     one, other = (xp.take_along_axis(history, i[..., None], 1)[:, 0] for i in (before, before + 1))
     length = older - newer
     share = xp.clip((older - delay) / xp.where(length > 0, length, 1.0), 0.0, 1.0)
-    delayed: Array = one + share * (other - one)
-    return delayed
+    return one + share * (other - one)

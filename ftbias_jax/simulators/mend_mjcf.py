@@ -7,7 +7,7 @@ included files is changed in copies of these.
 
 import numpy as np
 
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.setup.bodies import RigidBody, joined
 from ftbias_jax.setup.mjcf import Mjcf, distal_body, mjcf_robot
 from ftbias_jax.setup.rotations import quaternions_of
@@ -34,19 +34,15 @@ from ftbias_jax.simulators.mended import (
     same_body,
     without_drag,
 )
-from ftbias_jax.simulators.mjcf_texts import Texts
-from ftbias_jax.simulators.xml_text import Document, numbers
+from ftbias_jax.simulators.xml_text import Document, Texts, numbers
 
 ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 
 
 def mend_mjcf(setup: Setup, scene: Mjcf, output: str) -> Mended:
-    """The text of a scene with what a setup says of robot and tool.
+    """The text of a scene with what a setup says of robot and tool, whose effects are what a diagnosis found.
 
-    Args:
-        setup: its effects are what a diagnosis found; its robot is that of the scene.
-        scene: as it is.
-        output: where the mended scene will be; files that it refers to are found from there.
+    Files that the scene refers to are found from where the mended one will be, ``output``.
 
     Raises:
         SetupError: its arm is not the setup's.
@@ -189,7 +185,6 @@ def _mend_cable(texts: Texts, physics: Physics) -> str:
     if near is None or far is None:
         return "the bodies at its ends are not in the files"
     data = scene.in_reference_pose()
-
     to_world = data.xmat[scene.base].reshape(3, 3)
     ends = {
         "ftbias_cable_near": (*near, scene.body, in_world(data, scene, physics, cable["attachment"])),

@@ -10,8 +10,7 @@ from ftbias_jax.setup.bodies import RigidBody, joined
 from ftbias_jax.setup.mjcf import Mjcf, distal_body
 from ftbias_jax.setup.rotations import quaternions_of
 from ftbias_jax.simulators.mended import Physics
-from ftbias_jax.simulators.mjcf_texts import Texts
-from ftbias_jax.simulators.xml_text import numbers
+from ftbias_jax.simulators.xml_text import Texts, numbers
 from ftbias_jax.types import Array
 
 FROM_GEOMS = "the compiler's inertiafromgeom is true: MuJoCo takes all inertia from geoms"
@@ -26,19 +25,11 @@ JOINT = 'armature="0" frictionloss="0" limited="false" ref="0" springref="0"'
 
 
 def on_springs(texts: Texts, physics: Physics, bodies: dict[int, RigidBody]) -> tuple[str, dict[int, RigidBody]]:
-    """Hang a part of the tool on springs.
+    """Hang a part of the tool on springs: what hinders it, or "", and the bodies of the tool that the scene has not so.
 
     The part is like the whole tool but for its mass, has the largest share that moves in any way, and a slide or hinge
-    for each way. Where ways have different shares s, springs are such that slow motion makes the same of each,
-    k = S^2 M W^2 / s, and exactly such at S = s.
-
-    Args:
-        texts: of the scene.
-        physics: of the robot.
-        bodies: of the tool, in the site's frame, that are not as the scene has them.
-
-    Returns:
-        What hinders it, or "", and the bodies of the tool that are then not as the scene has them.
+    for each way. Where ways have different shares s, springs of k = S^2 M W^2 / s make the same of each in slow motion,
+    and exactly the same at S = s. The bodies, in the site's frame, are those to be changed, before and after.
     """
     values, scene = physics.flexibility, texts.scene
     if values is None or not np.isfinite(values["frequency"]) or values["share"].max() < LEAST_SHARE:
@@ -138,8 +129,7 @@ def mend_drag(texts: Texts, physics: Physics, drags: Sequence[Mapping[str, Any]]
 def in_world(data: Any, scene: Mjcf, physics: Physics, point: Array) -> Array:
     """A point (3,) m of the believed sensor's frame, in the world."""
     at_site = physics.sensor_position + physics.sensor_believed @ point
-    position: Array = data.site_xpos[scene.site] + data.site_xmat[scene.site].reshape(3, 3) @ at_site
-    return position
+    return data.site_xpos[scene.site] + data.site_xmat[scene.site].reshape(3, 3) @ at_site
 
 
 def in_body(data: Any, body: int, world: Array) -> str:

@@ -18,16 +18,11 @@ OF_A_URDF = ("tool_mass", "tool_com", "tool_inertia", "encoder_offset")
 
 
 def mend_urdf(setup: Setup, like: str, output: str, link: str = "") -> Mended:
-    """The text of a URDF with what a setup says of joints and tool.
+    """The text of a URDF with what a setup, whose effects are what a diagnosis found, says of joints and tool.
 
     A joint whose recorded angle is off by an offset gets an origin that is turned (shifted) back by it. One link that
-    is fixed to the flange gets mass, centre and inertia of the whole tool.
-
-    Args:
-        setup: its effects are what a diagnosis found; its robot is that of the URDF.
-        like: the URDF.
-        output: where the mended URDF will be.
-        link: that is the tool; "" = the setup's ``tool.from_urdf_link``.
+    is fixed to the flange, ``link`` or else the setup's ``tool.from_urdf_link``, gets mass, centre and inertia of the
+    whole tool.
 
     Raises:
         SetupError: the file is no URDF, its arm is not the setup's, or nothing names the tool's link.

@@ -8,7 +8,7 @@ import numpy as np
 from ftbias_jax.errors import SetupError
 from ftbias_jax.model.effects.catalogue import complete, values_from_setup
 from ftbias_jax.model.effects.compose import transform
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.model.params import params_from_setup
@@ -70,10 +70,7 @@ class Physics(NamedTuple):
 
 @in_float64
 def physics_of(setup: Setup) -> Physics:
-    """What the setup states, with its effects.
-
-    Args:
-        setup: of an arm, with its tool.
+    """What the setup of an arm states, with its effects.
 
     Raises:
         SetupError: the tool is not known, or an effect has impossible values.
@@ -139,12 +136,7 @@ def same_body(one: RigidBody, other: RigidBody) -> bool:
 
 
 def not_expressed(effects: Mapping[str, Any], expressed: Iterable[str]) -> list[dict[str, Any]]:
-    """What of a setup's effects neither the simulator's file nor the sensor model says.
-
-    Args:
-        effects: of a setup.
-        expressed: names of effects that the file says.
-    """
+    """What of a setup's effects neither the simulator's file, by the names ``expressed``, nor the sensor model says."""
     there = {*expressed, *EFFECTS}
     return [
         {"effect": name, "parameters": values, "why": WHY.get(name, OTHERS)}

@@ -46,11 +46,7 @@ def joint_states(setup: Setup, log: Log) -> Array:
 def replay(scene: Mjcf, t: Array, states: Array, progress: Callable[[float], object] = lambda done: None) -> Array:
     """(T, 6) N, Nm: the wrench that the sensor exerts on the tool, at the scene's site.
 
-    Args:
-        scene: with as many joints before the sensor as the states have.
-        t: (T,) s.
-        states: (T, n, 3) of ``joint_states``.
-        progress: called with the number of samples that are done.
+    The states (T, n, 3) at t (T,) s are those of ``joint_states``; ``progress`` is called with the samples done.
 
     Raises:
         SetupError: the scene has another number of joints.
@@ -133,12 +129,8 @@ def _swing(model: Any, data: Any, springs: Array, dt: float) -> None:
 def against(setup: Setup, log: Log, t: Array, wrench: Array, states: Array | None = None) -> Log:
     """A log to be diagnosed against a simulator: what that adds to the nominal tool's wrench goes along in columns.
 
-    Args:
-        setup: of the log.
-        log: as recorded.
-        t: (K,) s, stamps of the simulated wrench, relative to the log's first sample.
-        wrench: (K, 6) N, Nm, on the tool, sensor frame.
-        states: of ``joint_states``, if they are known.
+    The simulated wrench (K, 6) N, Nm, on the tool, sensor frame, has stamps t (K,) s since the log's first sample; the
+    states are those of ``joint_states``, if they are known.
 
     Raises:
         LogError: the simulated wrench does not last as long as the log, or has samples that are no numbers.
@@ -162,9 +154,7 @@ def against(setup: Setup, log: Log, t: Array, wrench: Array, states: Array | Non
 
 
 def against_columns(setup: Setup, log: Log) -> Log:
-    """``against`` the wrench that a log brings in its columns ``MODEL``, in the sign that the sensor reports.
-
-    A log without them stays as it is.
+    """``against`` the wrench that a log may bring in its columns ``MODEL``, in the sign that the sensor reports.
 
     Raises:
         LogError: some of the six are missing, or do not last as long as the log.
@@ -180,13 +170,10 @@ def against_columns(setup: Setup, log: Log) -> Log:
 
 
 def read_against(path: str | os.PathLike[str], setup: Setup, log: Log) -> Log:
-    """``against`` the wrench of a file.
+    """``against`` the wrench of an .npz file.
 
-    Args:
-        path: .npz with ``t`` (K,) s, stamps of the log or seconds since its first, and ``wrench_model`` (K, 6) N, Nm in
-            the sign that the sensor reports.
-        setup: of the log.
-        log: as recorded.
+    It has ``t`` (K,) s, stamps of the log or seconds since its first, and ``wrench_model`` (K, 6) N, Nm in the sign
+    that the sensor reports.
 
     Raises:
         LogError: it cannot be read, or is of another log.

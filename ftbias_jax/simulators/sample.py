@@ -41,15 +41,9 @@ class Posterior(NamedTuple):
 def posterior_of(
     causes: Sequence[Candidate], content: Mapping[str, Any], catalogue: Mapping[str, Effect], file: str = ""
 ) -> Posterior:
-    """The posterior of a saved diagnosis.
+    """The posterior of the causes of a saved diagnosis, of which ``content`` is all.
 
     Its odds are those of the held-out likelihoods, over the whole length of the logs.
-
-    Args:
-        causes: of the diagnosis.
-        content: all of it: ``posterior``, ``candidates``, ``provenance``.
-        catalogue: of the effects.
-        file: its name, for messages.
 
     Raises:
         LogError: it has no joint posterior, or of other numbers.
@@ -79,11 +73,7 @@ def with_rest(setup: Setup, content: Mapping[str, Any]) -> Setup:
     """The setup with the rest of the gap, which no drawn simulator has, as correlated noise of its sensor.
 
     That is what no cause explains, and what neither a scene nor a sensor model can say. It has the size of the held-out
-    gap, and varies as fast as the band of frequencies that has most of it.
-
-    Args:
-        setup: of the diagnosis.
-        content: of the saved diagnosis; without ``gap`` the setup stays as it is.
+    gap, if the saved diagnosis has one, and varies as fast as the band of frequencies that has most of it.
     """
     if not (gap := content.get("gap")):
         return setup
@@ -152,8 +142,7 @@ def _odds(cause: Candidate, twins: Sequence[Candidate], seconds: float) -> Array
     """Probabilities of a cause and its twins: equal before the logs, and by the unseen nats that each is behind."""
     behind = np.array([0.0, *(0.0 if x.behind is None else max(x.behind, 0.0) for x in twins)])
     weights = np.exp(-np.nan_to_num(behind) * seconds)
-    scaled: Array = weights / weights.sum()
-    return scaled
+    return weights / weights.sum()
 
 
 def draw(posterior: Posterior, random: np.random.Generator) -> tuple[Candidate, ...]:
@@ -180,8 +169,7 @@ def _within(mean: Array, covariance: Array, bounds: Array, random: np.random.Gen
         drawn = mean + root @ random.normal(size=len(mean))
         if ((drawn >= bounds[0]) & (drawn <= bounds[1])).all():
             break
-    inside: Array = np.clip(drawn, *bounds)
-    return inside
+    return np.clip(drawn, *bounds)
 
 
 def _with_numbers(cause: Candidate, numbers: Array) -> Candidate:

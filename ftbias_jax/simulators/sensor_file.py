@@ -23,9 +23,6 @@ KEYS = {
 def sensor_model(setup: Setup) -> SensorModel:
     """The errors of a setup's sensor: its noise, its bias process, and those of its effects that are the sensor's own.
 
-    Args:
-        setup: with [sensor], [bias] and effects.
-
     Raises:
         SetupError: an effect has no such value.
     """
@@ -59,9 +56,6 @@ def sensor_text(setup: Setup) -> str:
 
 def load_sensor_model(path: str | os.PathLike[str]) -> SensorModel:
     """Read a ``sensor_model.toml``, as ``ftbias export`` writes it.
-
-    Args:
-        path: of the file.
 
     Raises:
         SetupError: it cannot be read, is not TOML, or says something impossible.

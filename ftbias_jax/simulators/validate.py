@@ -10,9 +10,10 @@ from ftbias_jax.diagnosis.evidence.gap import excess, excess_by_channel
 from ftbias_jax.diagnosis.problem import Problem, make_problem
 from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS
+from ftbias_jax.io.atomic import plain
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.mjcf import Mjcf
@@ -46,11 +47,7 @@ class Validation(NamedTuple):
 
     def plain(self) -> dict[str, Any]:
         """For JSON."""
-        parts = {
-            name: {k: np.asarray(x).tolist() for k, x in getattr(self, name)._asdict().items()}
-            for name in ("before", "after")
-        }
-        return {**parts, "shrink": self.shrink, "shrink_stderr": self.shrink_stderr}
+        return dict(plain(self._asdict() | {"before": self.before._asdict(), "after": self.after._asdict()}))
 
     def __str__(self) -> str:
         lines = ["channel  before              after"]
@@ -71,12 +68,7 @@ def validate(
 ) -> Validation:
     """Replay recordings in a scene as it was and as it was mended, with the errors of the sensor that were found.
 
-    Args:
-        setup: of the scene as it was.
-        mended: the setup with what was found.
-        logs: others than those of the diagnosis.
-        scenes: as it was, and mended.
-        progress: called with the name of each stage as it begins.
+    The logs are others than those of the diagnosis; ``progress`` is called with the name of each stage as it begins.
     """
     progress("replaying the logs")
     of_sensor = {name: x for name, x in without_drag(mended.effects).items() if name in (*EFFECTS, TERM)}
@@ -95,8 +87,7 @@ def validate(
     if before.sigmas == 0:
         return Validation(before, after, 0.0, 1.0)
     left = (after.sigmas / before.sigmas) ** 2
-    spread = (2 * x.sigmas * x.sigmas_stderr / before.sigmas**2 for x in (after, before))
-    of_after, of_before = spread
+    of_after, of_before = (2 * x.sigmas * x.sigmas_stderr / before.sigmas**2 for x in (after, before))
     return Validation(before, after, 1 - left, float(np.hypot(of_after, left * of_before)))
 
 

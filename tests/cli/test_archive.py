@@ -238,7 +238,7 @@ def test_shards_write_their_own_manifests_and_know_each_other_s(logs, capsys):
 
 def test_a_log_whose_process_was_killed_has_failed(monkeypatch):
     monkeypatch.setattr(
-        "ftbias_jax.runtime.processes.run_each", lambda work, tasks, jobs: ((task, None) for task in tasks)
+        "ftbias_jax.runtime.executors.run_each", lambda work, tasks, jobs: ((task, None) for task in tasks)
     )
     job = archive.Job(Settings("filter", "", {}, ""), Place("out"), None, None, {})
     (entry,) = archive.run_tasks(job, [Task("deadly", "deadly.npz")], 2)

@@ -11,7 +11,7 @@ from small_archive import SETUP, write_log
 from ftbias_jax.cli.main import build_parser, main
 from ftbias_jax.filtering.quality.plot import new_figure, save_figure
 from ftbias_jax.io.atomic import write_atomic
-from ftbias_jax.io.write import npz, ours, table
+from ftbias_jax.io.write import npz, outputs, table
 from ftbias_jax.io.write.mcap import LAYOUTS, layout
 from ftbias_jax.io.write.provenance import in_words, provenance
 from ftbias_jax.io.write.selection import About
@@ -140,21 +140,21 @@ def test_every_kind_is_known_again_and_told_from_others(folder, make_diagnosis):
     for name in LAYOUTS:
         (folder / f"{name}.xml").write_text(layout(name))
     assert main(["check", "log.npz", "--setup", "setup.toml", "--json", "check.json"]) in (0, 1)
-    found = {path.name: ours.kind_of(path) for path in folder.iterdir()}
+    found = {path.name: outputs.kind_of(path) for path in folder.iterdir()}
     assert found == {
-        "result.npz": ours.RESULT,
-        "result.csv": ours.RESULT,
+        "result.npz": outputs.RESULT,
+        "result.csv": outputs.RESULT,
         "result.csv-metadata.json": "",
-        "log_made.npz": ours.LOG,
-        "diagnosis.json": ours.DIAGNOSIS,
-        "diagnosis.html": ours.PAGE,
-        "written.toml": ours.SETUP,
-        "figure.png": ours.FIGURE,
-        "figure.svg": ours.FIGURE,
-        "figure.pdf": ours.FIGURE,
-        "offsets.yaml": ours.EXPORT,
-        **{f"{name}.xml": ours.EXPORT for name in LAYOUTS},
-        "check.json": ours.CHECK,
+        "log_made.npz": outputs.LOG,
+        "diagnosis.json": outputs.DIAGNOSIS,
+        "diagnosis.html": outputs.PAGE,
+        "written.toml": outputs.SETUP,
+        "figure.png": outputs.FIGURE,
+        "figure.svg": outputs.FIGURE,
+        "figure.pdf": outputs.FIGURE,
+        "offsets.yaml": outputs.EXPORT,
+        **{f"{name}.xml": outputs.EXPORT for name in LAYOUTS},
+        "check.json": outputs.CHECK,
         "log.npz": "",
         "setup.toml": "",
     }
@@ -167,7 +167,7 @@ def test_a_setup_of_a_command_is_replaced_by_it_and_one_that_was_edited_in_place
     assert (folder / "made.toml").read_text() == first
     assert load_setup("made.toml").tool.mass == 0.7
     load_setup("made.toml").save("own.toml")
-    assert ours.kind_of("own.toml") == ""
+    assert outputs.kind_of("own.toml") == ""
 
 
 def test_with_force_a_file_of_another_kind_is_replaced(folder):
@@ -182,5 +182,5 @@ def test_with_force_a_file_of_another_kind_is_replaced(folder):
 def test_no_file_is_taken_for_ours_by_chance_or_stops_the_look(folder, suffix, content):
     path = folder / f"odd{suffix}"
     path.write_bytes(content)
-    assert ours.kind_of(path) == ""
-    assert ours.kind_of(folder / "missing.npz") == ""
+    assert outputs.kind_of(path) == ""
+    assert outputs.kind_of(folder / "missing.npz") == ""

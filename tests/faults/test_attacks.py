@@ -26,7 +26,7 @@ from ftbias_jax.cli.main import main
 from ftbias_jax.errors import LogError, OutputError, SetupError
 from ftbias_jax.fleet.find import find_logs
 from ftbias_jax.io import read_log
-from ftbias_jax.io.outputs import check_writable
+from ftbias_jax.io.write.outputs import check_writable
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.recorded import LogSetup
 

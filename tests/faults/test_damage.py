@@ -14,9 +14,8 @@ from mcap_ros2 import writer
 from recordings import START, Joints, Wrench, bag_of
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io import read_log
-from ftbias_jax.io.limits import budget
-from ftbias_jax.io.limits.budget import Budget
+from ftbias_jax.io import budget, read_log
+from ftbias_jax.io.budget import Budget
 from ftbias_jax.io.ros import record
 
 CONTAINERS = ["ros1", "ros1 bz2", "ros1 lz4", "sqlite", "mcap", "mcap zstd chunks"]

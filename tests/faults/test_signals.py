@@ -126,7 +126,7 @@ def sleep(task):
 def test_a_signal_ends_the_processes_of_jobs(start, tmp_path, numbers):
     (tmp_path / "sleeping.py").write_text(SLEEPING)
     program = """
-    from ftbias_jax.runtime.processes import run_each
+    from ftbias_jax.runtime.executors import run_each
     from sleeping import sleep
     for _ in run_each(sleep, range(4), 2):
         print("a task ended")

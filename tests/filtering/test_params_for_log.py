@@ -14,19 +14,19 @@ from stated import YAW_PITCH_ROLL
 
 from ftbias_jax.filtering import params_for_log, pipeline, smoother
 from ftbias_jax.filtering.fast import stages
-from ftbias_jax.filtering.fast.rts import smooth_track
 from ftbias_jax.filtering.fast.scan import filter_scan
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.process_models import drift_noise
 from ftbias_jax.filtering.quality import summary as summaries
 from ftbias_jax.filtering.result import Filtered, named_arrays
 from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.filtering.smoother import smooth_track
 from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
 from ftbias_jax.setup import load_setup, parse_setup
 
 START = 100.0
-OPTIONS = [Options(), Options(joint_uncertainty="none"), Options(gate=40.0)]
+OPTIONS = [Options(), Options(uncertain_joints=False), Options(gate=40.0)]
 
 
 @pytest.fixture(scope="module")

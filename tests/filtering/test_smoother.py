@@ -1,4 +1,4 @@
-"""Smoothing against what the past knows; that it is the posterior, fast/test_rts.py and test_params_for_log.py say."""
+"""Smoothing against what the past knows; that it is the posterior, test_rts.py and test_params_for_log.py say."""
 
 import by_params
 import jax.numpy as jnp

@@ -12,7 +12,7 @@ from rosbags import highlevel as readers
 
 import ftbias_jax as ft
 from ftbias_jax.errors import UsageError
-from ftbias_jax.io.write.ours import EXPORT, kind_of
+from ftbias_jax.io.write.outputs import EXPORT, kind_of
 from ftbias_jax.planning.controllers import FRANKA_RATE, ROS_RATE, UR_RATE
 from ftbias_jax.planning.forecast import Cannot, Forecast
 from ftbias_jax.planning.page import plan_page, tip_path

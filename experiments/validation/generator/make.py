@@ -13,7 +13,7 @@ import numpy as np
 
 from ftbias_jax.errors import OutputError
 from ftbias_jax.io.atomic import write_atomic
-from ftbias_jax.runtime.processes import run_each
+from ftbias_jax.runtime.executors import run_each
 from validation.generator.arms import Floats
 from validation.generator.effects.catalogue import ENTRIES, NEEDS_MOTION, STATISTICAL, UNLISTED
 from validation.generator.effects.effect import Draw, Effect, Scene

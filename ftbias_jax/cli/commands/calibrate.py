@@ -12,9 +12,8 @@ from ftbias_jax.io import or_poses, read_log
 from ftbias_jax.io.atomic import write_json
 from ftbias_jax.io.draft.draft import Request, urdf_beside
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.outputs import refuse_existing
 from ftbias_jax.io.tables.poses import Poses
-from ftbias_jax.io.write.ours import CALIBRATION, PAGE, SETUP
+from ftbias_jax.io.write.outputs import CALIBRATION, PAGE, SETUP, refuse_existing
 from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import Setup
 from ftbias_jax.setup.save import write_text

@@ -14,7 +14,7 @@ from ftbias_jax.fleet.quality import of_check
 from ftbias_jax.io import read_motion
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.write.ours import CHECK
+from ftbias_jax.io.write.outputs import CHECK
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.setup import Setup
 

@@ -12,7 +12,7 @@ from ftbias_jax.cli.given import start_jax
 from ftbias_jax.errors import OutputError, UsageError
 from ftbias_jax.io.atomic import make_folder
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.outputs import check_outputs
+from ftbias_jax.io.write.outputs import check_outputs
 from ftbias_jax.setup import Setup, dump_setup, load_setup, parse_setup
 from ftbias_jax.types import AXES, AXIS_UNITS, Array
 

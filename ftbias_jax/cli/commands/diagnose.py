@@ -17,9 +17,8 @@ from ftbias_jax.fleet.find import is_folder
 from ftbias_jax.fleet.quality import of_diagnosis
 from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.outputs import output_of_setup
 from ftbias_jax.io.remote import is_url
-from ftbias_jax.io.write.ours import DIAGNOSIS, PAGE, SETUP
+from ftbias_jax.io.write.outputs import DIAGNOSIS, PAGE, SETUP, output_of_setup
 from ftbias_jax.io.write.provenance import FIRST_DATE, LAST_DATE
 from ftbias_jax.runtime.imports import many_imports
 from ftbias_jax.runtime.progress import Stages
@@ -113,7 +112,7 @@ def _command(paths: list[str], setup: str, pool: str | None = None) -> str:
 def _with_effects(arguments: argparse.Namespace, setup: Setup) -> Setup:
     """The setup with the effects that the caller brings; those to leave out are known."""
     from ftbias_jax.model.effects.catalogue import check_names
-    from ftbias_jax.model.effects.terms.parse import NAME as TERM
+    from ftbias_jax.model.effects.terms.parse import TERM
     from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
 
     setup = setup.with_effects(load_all(tuple(arguments.own_effects)))

@@ -21,7 +21,7 @@ from ftbias_jax.fleet.quality import of_filter
 from ftbias_jax.io.parts import OpenLog, open_log
 from ftbias_jax.io.write import writer, written
 from ftbias_jax.io.write.npz import save_npz_parts
-from ftbias_jax.io.write.ours import EXPORT, FIGURE, RESULT
+from ftbias_jax.io.write.outputs import EXPORT, FIGURE, RESULT
 from ftbias_jax.io.write.provenance import in_words
 from ftbias_jax.io.write.selection import ALL, About, Selection, check_selection, selected_parts
 from ftbias_jax.runtime.progress import Stages

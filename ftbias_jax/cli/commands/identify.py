@@ -14,9 +14,8 @@ from ftbias_jax.fleet.find import is_folder
 from ftbias_jax.fleet.quality import of_identified
 from ftbias_jax.io import read_log, read_motion
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.outputs import output_of_setup
 from ftbias_jax.io.tables.poses import Poses
-from ftbias_jax.io.write.ours import SETUP
+from ftbias_jax.io.write.outputs import SETUP, output_of_setup
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.runtime.progress import Stages, silent
 from ftbias_jax.setup import Setup

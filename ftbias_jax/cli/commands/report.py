@@ -12,9 +12,8 @@ from ftbias_jax.fleet.page import name as name_of
 from ftbias_jax.fleet.page import to_page
 from ftbias_jax.fleet.place import Place
 from ftbias_jax.fleet.result_page import read_result, result_page
-from ftbias_jax.io.outputs import check_outputs, check_replaceable, check_writable
 from ftbias_jax.io.remote import is_url
-from ftbias_jax.io.write.ours import PAGE
+from ftbias_jax.io.write.outputs import PAGE, check_outputs, check_replaceable, check_writable
 from ftbias_jax.setup.save import write_text
 
 

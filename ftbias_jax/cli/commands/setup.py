@@ -11,7 +11,7 @@ from ftbias_jax.commissioning.drafted import checked_draft
 from ftbias_jax.errors import UsageError, printable
 from ftbias_jax.io.draft.dh_table import DhTable
 from ftbias_jax.io.draft.draft import Request, urdf_beside
-from ftbias_jax.io.outputs import check_outputs, check_writable, refuse_existing
+from ftbias_jax.io.write.outputs import check_outputs, check_writable, refuse_existing
 from ftbias_jax.setup.keys.table import json_schema
 from ftbias_jax.setup.robots import BUILT_IN, describe_robot
 from ftbias_jax.setup.save import write_text

@@ -9,9 +9,8 @@ from ftbias_jax.cli.given import logs_of, setup_of, start_jax, write_answers
 from ftbias_jax.cli.terminal import tell_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io import read_log
-from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.io.write import writer
-from ftbias_jax.io.write.ours import EXPORT, LOG, PAGE, PLAN, RESULT
+from ftbias_jax.io.write.outputs import EXPORT, LOG, PAGE, PLAN, RESULT, check_outputs, check_writable
 from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import load_setup
 

@@ -16,8 +16,7 @@ from ftbias_jax.fleet.find import expand, inputs, is_folder
 from ftbias_jax.fleet.quality import of_tuned
 from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.outputs import check_outputs, output_of_setup
-from ftbias_jax.io.write.ours import SETUP
+from ftbias_jax.io.write.outputs import SETUP, check_outputs, output_of_setup
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import Setup, load_setup

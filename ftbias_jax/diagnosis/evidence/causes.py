@@ -4,13 +4,12 @@ Beside each cause stand the effects that explain the log as well, and why it may
 because it can take nearly any shape, and what that is instead.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
 
+from ftbias_jax.diagnosis import thresholds
 from ftbias_jax.diagnosis.candidates import Scored
 from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters
 from ftbias_jax.diagnosis.evidence.gap import HeldOut, Judge, gap_removed, nats_of_joints
@@ -20,16 +19,6 @@ from ftbias_jax.diagnosis.proposals import entries, pulls, series, touches
 from ftbias_jax.diagnosis.regression.fit import Fit, compared, fit
 from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap
 from ftbias_jax.diagnosis.samples.types import Finding
-from ftbias_jax.diagnosis.thresholds import (
-    ALIKE,
-    CLOSE,
-    FORM_LOSS,
-    HOPELESS,
-    LEADS,
-    LEAST_DIFFERENCE,
-    MOST_TRIED,
-    MOST_TWINS,
-)
 from ftbias_jax.model.effects.fitting import Entries, Pull, Samples, Step, Touches
 from ftbias_jax.model.effects.terms.types import Term
 from ftbias_jax.model.effects.types import Effect
@@ -87,7 +76,7 @@ def causes_of(answer: Answer) -> tuple[Candidate, ...]:
         of_mean.append(named._replace(explanation=named.explanation + doubt, doubt=doubt.removeprefix("; ")))
         previous = scored[0].fit
     of_samples = [_of_finding(problem, finding) for finding in answer.found]
-    if answer.total < LEADS**2:
+    if answer.total < thresholds.LEADS**2:
         return tuple(of_samples + of_mean)
     return tuple(sorted(of_mean + of_samples, key=lambda cause: not _comes_first(problem.catalogue[cause.effect])))
 
@@ -168,16 +157,19 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
     gain = accepted.log_likelihood - without.log_likelihood
     left = max(-accepted.log_likelihood - (problem.samples > 0).sum() / 2, 0.0)
     declared = {twin.effect for twin in problem.catalogue[cause.effect].twins}
-    by_form = FORM_LOSS * gain + left + nats_of_joints(problem)
+    by_form = thresholds.FORM_LOSS * gain + left + nats_of_joints(problem)
     twins: dict[str, None] = {}
-    hopeful = [s for s in scored if s.hypothesis.effect not in named and s.nats > HOPELESS * scored[0].nats]
-    for other in hopeful[:MOST_TRIED]:
+    hopeful = [s for s in scored if s.hypothesis.effect not in named and s.nats > thresholds.HOPELESS * scored[0].nats]
+    for other in hopeful[: thresholds.MOST_TRIED]:
         trial = fit(problem, (*rest, other.hypothesis), accepted) if rest else other.fit
         lost, error = compared(problem, accepted.error, trial.error)
         own_form = by_form if other.hypothesis.effect in declared else 0.0
-        if lost < max(ALIKE * error, LEAST_DIFFERENCE, own_form) and gain - lost > CLOSE * gain:
+        if (
+            lost < max(thresholds.ALIKE * error, thresholds.LEAST_DIFFERENCE, own_form)
+            and gain - lost > thresholds.CLOSE * gain
+        ):
             twins[other.hypothesis.effect] = None
-    return tuple(twins)[:MOST_TWINS]
+    return tuple(twins)[: thresholds.MOST_TWINS]
 
 
 def doubt_of(problem: Problem, found: Fit, h: Hypothesis) -> str:

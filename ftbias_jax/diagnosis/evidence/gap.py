@@ -1,30 +1,17 @@
 """Fits judged on blocks that they have not seen; how large the gap is, in all logs and in each; the verdict."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis import thresholds
 from ftbias_jax.diagnosis.evidence.estimates import parameters
 from ftbias_jax.diagnosis.hypothesis import moments
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.design_matrix import Columns, change, step_and_gain
-from ftbias_jax.diagnosis.regression.fit import Fit, stepped
+from ftbias_jax.diagnosis.regression.fit import Fit, compared, stepped
 from ftbias_jax.diagnosis.result import Gap, LogGap
-from ftbias_jax.diagnosis.thresholds import (
-    BEYOND_CHANCE,
-    BLOCK_SECONDS,
-    CHANCE,
-    FAINT,
-    FOLDS,
-    LEADS,
-    LEFT,
-    SHARE_OF_JOINTS,
-    SILENT,
-    USEFUL_SHARE,
-)
 
 
 class HeldOut(NamedTuple):
@@ -52,21 +39,20 @@ class Judge:
         if id(fit) not in self._errors:
             self._errors[id(fit)] = fit, unseen_error(self._problem, fit)
         _, error = self._errors[id(fit)]
-        block, duration = self._problem.block(BLOCK_SECONDS), max(self._problem.duration, 1e-9)
-        gains = np.bincount(block, (reference**2 - error**2).sum(1) / 2)
+        block, duration = self._problem.block(thresholds.BLOCK_SECONDS), max(self._problem.duration, 1e-9)
         # The change of the prediction, s = r - e, gains s^2 / 2 + s e: of these only s e is chance.
         chance = np.bincount(block, ((reference - error) * error).sum(1))
-        stderr, by_noise = np.sqrt(len(gains)) * gains.std(), np.sqrt((chance**2).sum())
-        return HeldOut(error, *(float(x / duration) for x in (gains.sum(), stderr, by_noise)))
+        numbers = (*compared(self._problem, error, reference), np.sqrt((chance**2).sum()))
+        return HeldOut(error, *(float(x / duration) for x in numbers))
 
 
 def unseen_error(problem: Problem, fit: Fit) -> np.ndarray:
     """(U, 6) errors of each fold with the numbers fitted to the other folds, to first order around the whole fit."""
     # What acts for a moment has every fourth bin left out: a longer block would hide all of it.
     local = any(h.local or moments(problem, problem.catalogue[h.effect]) for h in fit.hypotheses)
-    fold = (np.arange(len(problem.t)) if local else problem.block(BLOCK_SECONDS)) % FOLDS
+    fold = (np.arange(len(problem.t)) if local else problem.block(thresholds.BLOCK_SECONDS)) % thresholds.FOLDS
     error = fit.error.copy()
-    for k in range(FOLDS if fit.degrees else 0):
+    for k in range(thresholds.FOLDS if fit.degrees else 0):
         rest, test = fold != k, fold == k
         error[test] += change(fit.columns.at(test), step_and_gain(fit.columns.at(rest), fit.error[rest])[0])
     return error
@@ -80,8 +66,7 @@ def excess(problem: Problem, error: np.ndarray) -> np.ndarray:
 
 def excess_by_channel(problem: Problem, error: np.ndarray) -> np.ndarray:
     """(6,) mean of the excess, each bin weighted by how well it tells it: not at all where joints are hardly known."""
-    mean: np.ndarray = (_weights(problem) * excess(problem, error)).sum(0)
-    return mean
+    return (_weights(problem) * excess(problem, error)).sum(0)
 
 
 def excess_over_quiet(problem: Problem, error: np.ndarray) -> np.ndarray:
@@ -90,12 +75,11 @@ def excess_over_quiet(problem: Problem, error: np.ndarray) -> np.ndarray:
     Smooth joints are known better than a filter believes that was tuned to the whole log. Innovations are then smaller
     than expected nearly everywhere, and a mean over the log hides a few blocks in which they are far too large.
     """
-    block, weights = problem.block(BLOCK_SECONDS), _weights(problem)
+    block, weights = problem.block(thresholds.BLOCK_SECONDS), _weights(problem)
     sums = np.stack([np.bincount(block, x) for x in (weights * excess(problem, error)).T])
     shares = np.stack([np.bincount(block, x) for x in weights.T])
     quiet = np.array([_median(x / np.maximum(share, 1e-300), share) for x, share in zip(sums, shares, strict=True)])
-    over_quiet: np.ndarray = sums.sum(1) - np.minimum(quiet, 0)
-    return over_quiet
+    return sums.sum(1) - np.minimum(quiet, 0)
 
 
 def gap_removed(problem: Problem, before: np.ndarray, after: np.ndarray) -> float:
@@ -105,7 +89,7 @@ def gap_removed(problem: Problem, before: np.ndarray, after: np.ndarray) -> floa
 
 def excess_stderr(problem: Problem, error: np.ndarray) -> float:
     """Standard error of the mean excess over the channels, from blocks."""
-    sums = np.bincount(problem.block(BLOCK_SECONDS), (_weights(problem) * excess(problem, error)).mean(1))
+    sums = np.bincount(problem.block(thresholds.BLOCK_SECONDS), (_weights(problem) * excess(problem, error)).mean(1))
     return float(np.sqrt(len(sums)) * sums.std())
 
 
@@ -119,7 +103,7 @@ def least_beside_joints(problem: Problem) -> float:
     """Mean square gap, in noise variances, that errors of the joints may make, and that a cause must remove."""
     coherent = _of_joints(problem)
     joints = float((_weights(problem)[: len(coherent)] * coherent / problem.noise_std**2).sum(0).mean())
-    return min(SHARE_OF_JOINTS * joints, LEADS**2)
+    return min(thresholds.SHARE_OF_JOINTS * joints, thresholds.LEADS**2)
 
 
 def nats_of_joints(problem: Problem) -> float:
@@ -128,7 +112,7 @@ def nats_of_joints(problem: Problem) -> float:
     A low-pass, for one, smooths them in what the model predicts.
     """
     coherent = _of_joints(problem)
-    return SHARE_OF_JOINTS * float((coherent / problem.variance[: len(coherent)]).sum()) / 2
+    return thresholds.SHARE_OF_JOINTS * float((coherent / problem.variance[: len(coherent)]).sum()) / 2
 
 
 def _of_joints(problem: Problem) -> np.ndarray:
@@ -145,8 +129,7 @@ def excess_by_size(problem: Problem) -> float:
 def _weights(problem: Problem) -> np.ndarray:
     """(U, 6) inverse variances of the bins' excess, with sum 1 over the bins."""
     weight = np.where(problem.samples > 0, (problem.noise_std**2 / problem.variance) ** 2, 0)
-    scaled: np.ndarray = weight / np.maximum(weight.sum(0), 1e-300)
-    return scaled
+    return weight / np.maximum(weight.sum(0), 1e-300)
 
 
 def _median(x: np.ndarray, weight: np.ndarray) -> float:
@@ -181,7 +164,7 @@ def is_quiet(problem: Problem, gap: Gap) -> bool:
     """
     before = np.sqrt(gap.before_sigmas**2 - 1)
     chance = np.hypot(excess_by_chance(problem), excess_by_size(problem))
-    return bool(before < SILENT or before**2 < BEYOND_CHANCE * chance)
+    return bool(before < thresholds.SILENT or before**2 < thresholds.BEYOND_CHANCE * chance)
 
 
 def is_closed(problem: Problem, gap: Gap) -> bool:
@@ -190,7 +173,7 @@ def is_closed(problem: Problem, gap: Gap) -> bool:
     That the noise may be larger than measured is no reason to call a gap closed.
     """
     before, after = np.sqrt(gap.before_sigmas**2 - 1), np.sqrt(gap.after_sigmas**2 - 1)
-    small = max(LEFT * before, min(SILENT, FAINT * before))
+    small = max(thresholds.LEFT * before, min(thresholds.SILENT, thresholds.FAINT * before))
     return bool(after < small or after**2 < excess_by_chance(problem))
 
 
@@ -206,10 +189,10 @@ def verdict_of(problem: Problem, gap: Gap, causes: int, found: int, sure: bool, 
     if causes == found and not terms:  # single samples say nothing of the mean reading
         return "explained" if quiet else "unknown"
     # A gap near the noise may close by chance: the cause stands on its likelihood, the shrink on nothing.
-    closed, certain = is_closed(problem, gap), quiet or gap.shrink >= CHANCE * gap.shrink_stderr
+    closed, certain = is_closed(problem, gap), quiet or gap.shrink >= thresholds.CHANCE * gap.shrink_stderr
     if closed and sure and certain:
         return "described" if terms else "explained"
-    useful = certain and gap.shrink >= USEFUL_SHARE
+    useful = certain and gap.shrink >= thresholds.USEFUL_SHARE
     return "partly_explained" if useful or closed else "unknown"
 
 

@@ -107,8 +107,7 @@ def share_of_gains(problem: Problem, found: Fit, h: Hypothesis) -> float:
 
 def size_of_entries(effect: Effect) -> np.ndarray:
     """(6, 6) typical departure of the entries of an effect's matrix; 0 where they are not fitted."""
-    size: np.ndarray = np.broadcast_to(effect.parameter(search_of(effect, Entries).matrix).scale, (6, 6))
-    return size
+    return np.broadcast_to(effect.parameter(search_of(effect, Entries).matrix).scale, (6, 6))
 
 
 def nearest(made: np.ndarray, matrix: np.ndarray, size: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, float]:

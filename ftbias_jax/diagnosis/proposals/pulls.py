@@ -109,16 +109,14 @@ def _pulls(
 def _on_tool(force: np.ndarray, attachment: np.ndarray) -> np.ndarray:
     """(..., 3) N -> (..., 6) N, Nm: change of the reading by a force on the tool at the attachment (3,) m."""
     arm = np.concatenate([np.eye(3), np.cross(attachment, np.eye(3))], 1)
-    change: np.ndarray = -force @ arm.astype(force.dtype)
-    return change
+    return -force @ arm.astype(force.dtype)
 
 
 def _without_slack(prepared_fit: PreparedFit, linear: np.ndarray) -> np.ndarray:
     """(0 or 1, 3) m: the best anchor of a cable without rest length, which is linear in k and k times the anchor."""
     best = gains(prepared_fit, linear).coefficients(list(range(4)))  # k, then k times the anchor
     anchor = best[None, 1:] / max(float(best[0]), 1e-12)
-    near: np.ndarray = anchor[(np.abs(anchor).max(1) < FARTHEST) & (best[0] > 0)]
-    return near
+    return anchor[(np.abs(anchor).max(1) < FARTHEST) & (best[0] > 0)]
 
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:

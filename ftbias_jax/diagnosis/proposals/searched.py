@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, movable, neutral_of, places_of, searched_by
+from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, at_values, neutral_of, searched_by
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.starts import as_they_are
 from ftbias_jax.diagnosis.regression.coordinates import can_move, is_moment, scale_of, strengths, why_not_fitted
@@ -85,16 +85,13 @@ def _best(
 ) -> list[Start]:
     """Of what was found before, and of an effect with its strengths fitted and the rest held at each of these values,
     the few starts that gain most, the best one first."""
-    slices, free = problem.layout.slices, set(movable(problem, effect))
+    slices = problem.layout.slices
     first = {parameter.name: slices[effect.name, parameter.name].start for parameter in strengths(effect)}
     linear = [first[p.name] + int(i) for p in strengths(effect) for i in np.flatnonzero(can_move(p))]
     starts = []
     for values in tried:
-        at = places_of(problem, effect, **values)
-        moving = {place: x for place, x in at.items() if place in free}
-        fixed = tuple((place, x) for place, x in at.items() if place not in free)
-        start = (*(0.0 for _ in linear), *moving.values())
-        starts.append(Hypothesis(effect.name, (*linear, *moving), start, fixed))
+        h = at_values(problem, effect, **values)
+        starts.append(h._replace(free=(*linear, *h.free), start=(*(0.0 for _ in linear), *h.start)))
     if linear:
         scored = [_linearised(problem, prepared_fit, h, linear) for h in starts]
     else:

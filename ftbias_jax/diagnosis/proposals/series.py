@@ -82,29 +82,17 @@ def by_channel(accepted: Fit, white: np.ndarray) -> np.ndarray:
     error = accepted.error.astype(white.dtype)
     along = np.einsum("cuk,uk->ck", white, error)
     power = np.einsum("cuk,cuk->ck", white, white)
-    gain: np.ndarray = (along**2 / np.maximum(power, 1e-9) / 2).sum(1)
-    return gain
+    return (along**2 / np.maximum(power, 1e-9) / 2).sum(1)
 
 
-def slow(problem: Problem, library: Library, accepted: Fit, taken: Collection[str]) -> list[Found]:
-    """The best series of every effect that settles, its time constant refined."""
-    return [
-        _with_time_constant(problem, accepted, found) for found in _best(problem, library, accepted, Settling, taken)
-    ]
-
-
-def steplike(problem: Problem, library: Library, accepted: Fit, taken: Collection[str]) -> list[Found]:
-    """Of every effect that begins at some time what gains most, its time refined, sudden or along a straight line."""
-    return [_with_time(problem, accepted, h) for _, h in _best(problem, library, accepted, Step, taken)]
-
-
-def _best(problem: Problem, library: Library, accepted: Fit, search: type, taken: Collection[str]) -> Iterator[Found]:
-    """The series that gains most of every effect that is searched so."""
-    for name in (effect.name for effect in searched_by(problem, taken, search)):
-        if name in library.series:
-            gain = by_channel(accepted, library.white[name])
-            place = int(gain.argmax())
-            yield float(gain[place]), library.series[name][place]
+def best_series(problem: Problem, library: Library, accepted: Fit, taken: Collection[str]) -> Iterator[Found]:
+    """The series that gains most of every effect that settles, then of every one that begins at some time, refined."""
+    for search, refined in ((Settling, _with_time_constant), (Step, _with_time)):
+        for name in (effect.name for effect in searched_by(problem, taken, search)):
+            if name in library.series:
+                gain = by_channel(accepted, library.white[name])
+                place = int(gain.argmax())
+                yield refined(problem, accepted, (float(gain[place]), library.series[name][place]))
 
 
 def _with_time_constant(problem: Problem, accepted: Fit, found: Found) -> Found:
@@ -122,8 +110,9 @@ def _with_time_constant(problem: Problem, accepted: Fit, found: Found) -> Found:
     return refine(problem, accepted, make, float(np.log(h.detail.time_constant)), float(np.diff(np.log(times)).max()))
 
 
-def _with_time(problem: Problem, accepted: Fit, h: Hypothesis) -> Found:
-    effect, at = problem.catalogue[h.effect], h.detail
+def _with_time(problem: Problem, accepted: Fit, found: Found) -> Found:
+    """The best time near that of a change, which is sudden or along a straight line."""
+    effect, at = problem.catalogue[found[1].effect], found[1].detail
     assert isinstance(at, Change)
 
     def make(times: np.ndarray) -> list[Hypothesis]:

@@ -71,8 +71,7 @@ def motion(signals: Signals, known: Values, z: Array, *, catalogue: Catalogue = 
 def nominal_motion(signals: Signals, known: Values, catalogue: Catalogue = CATALOGUE) -> ArmMotion:
     """How the arm moves with the joints where the setup believes."""
     nowhere = np.zeros(layout(signals.q.shape[1], catalogue).size)
-    moving: ArmMotion = motion(signals, known, nowhere, catalogue=catalogue)
-    return moving
+    return motion(signals, known, nowhere, catalogue=catalogue)
 
 
 @keep_program("catalogue")

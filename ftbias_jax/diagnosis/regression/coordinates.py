@@ -14,15 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue, neutral_values
-from ftbias_jax.model.effects.fitting import (
-    BY_COORDINATES,
-    INVERSE,
-    LINEAR,
-    LOGARITHM,
-    ByJoint,
-    Coordinate,
-    Samples,
-)
+from ftbias_jax.model.effects.fitting import BY_COORDINATES, INVERSE, LINEAR, LOGARITHM, ByJoint, Coordinate, Samples
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter
 from ftbias_jax.types import Array
 
@@ -137,8 +129,7 @@ def is_moment(parameter: Parameter, seconds: float) -> bool:
 def can_move(parameter: Parameter) -> np.ndarray:
     """(k,) bool: which of its numbers are fitted."""
     given = (parameter.coordinate or AS_STATED).scale
-    moving: np.ndarray = _flat(parameter.scale if given is None else given, parameter) > 0
-    return moving
+    return _flat(parameter.scale if given is None else given, parameter) > 0
 
 
 def scale_of(effect: Effect, parameter: Parameter) -> Scale:

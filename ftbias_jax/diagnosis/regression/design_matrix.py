@@ -4,9 +4,7 @@ A linear series has a coefficient for every channel, and a channel's coefficient
 stands for six columns, each of them zero in five channels, and products with them are worked out channel by channel.
 """
 
-from __future__ import annotations
-
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -29,9 +27,9 @@ class Columns(NamedTuple):
         """K."""
         return len(self.moving) + 6 * len(self.series)
 
-    def at(self, rows: np.ndarray) -> Columns:
+    def at(self, rows: np.ndarray) -> Self:
         """Those of some bins, chosen by a mask or by indices (U,)."""
-        return Columns(self.moving[:, rows], self.series[:, rows])
+        return self._replace(moving=self.moving[:, rows], series=self.series[:, rows])
 
 
 def products(own: Columns, others: np.ndarray) -> np.ndarray:
@@ -104,8 +102,7 @@ def change(columns: Columns, numbers: np.ndarray) -> np.ndarray:
     """(K,) numbers -> (U, 6) what they add to the innovations."""
     F = len(columns.moving)
     of_series = np.einsum("ek,euk->uk", numbers[F:].reshape(-1, 6), columns.series)
-    total: np.ndarray = np.tensordot(numbers[:F], columns.moving, 1) + of_series
-    return total
+    return np.tensordot(numbers[:F], columns.moving, 1) + of_series
 
 
 def step_and_gain(columns: Columns, error: np.ndarray) -> tuple[np.ndarray, float]:

@@ -31,8 +31,7 @@ def readings(problem: Problem, z: np.ndarray) -> np.ndarray:
                 return part.nominal
             at = np.zeros(z.shape[1])
             at[joints] = offsets
-            moving: ArmMotion = chain_model.motion(part.signals, problem.known, at, catalogue=problem.catalogue)
-            return moving
+            return chain_model.motion(part.signals, problem.known, at, catalogue=problem.catalogue)
 
         told = part.signals, problem.known
         reading = chain_model.reading.prepare(*told, part.nominal, z[0], catalogue=problem.catalogue)
@@ -50,8 +49,7 @@ def slopes(problem: Problem, z: np.ndarray, places: Sequence[int]) -> np.ndarray
     moved[row, at] += np.where(z[at] + STEP <= most[at], STEP, -STEP)
     *made, here = readings(problem, moved)
     steps = moved[row, at] - z[at]
-    slope: np.ndarray = (np.stack(made) - here) / steps[:, None, None]
-    return slope
+    return (np.stack(made) - here) / steps[:, None, None]
 
 
 def whitened(problem: Problem, columns: np.ndarray) -> np.ndarray:

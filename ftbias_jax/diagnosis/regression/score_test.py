@@ -1,8 +1,6 @@
 """What further columns and series would gain on top of a fit, to first order: none of them is fitted for it."""
 
-from __future__ import annotations
-
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -32,8 +30,7 @@ class Gains(NamedTuple):
         """(len(chosen),) of these columns together."""
         normal, pull = self.normal[np.ix_(chosen, chosen)], self.pull[chosen]
         ridge = 1e-8 * max(np.trace(normal) / max(len(normal), 1), 1e-12)
-        solved: np.ndarray = -np.linalg.solve(normal + ridge * np.eye(len(normal)), pull)
-        return solved
+        return -np.linalg.solve(normal + ridge * np.eye(len(normal)), pull)
 
     def pursue(self, rows: list[int], most: int, least: float) -> tuple[float, list[int]]:
         """Matching pursuit: the few columns of these that gain most together, at most so many, and how much.
@@ -69,7 +66,7 @@ class PreparedFit(NamedTuple):
     step: np.ndarray
     """(K,) change of its own numbers that brings the error nearest to zero: next to nothing at the fit's end."""
 
-    def at(self, error: np.ndarray) -> PreparedFit:
+    def at(self, error: np.ndarray) -> Self:
         """The same fit with other innovations (U, 6)."""
         pull = products(self.fit.columns, error[None])[0]
         step = -self.information.solve(pull[:, None])[:, 0]

@@ -92,8 +92,7 @@ def slope_in_time(problem: Problem, h: Hypothesis) -> np.ndarray:
     time = h.detail.time_constant
     step = max(0.01 * time, 1e-3)
     longer, shorter = (one.shapes[0] for one in retimed(problem, h, [time + step, time]))
-    slope: np.ndarray = (longer - shorter) / step
-    return slope
+    return (longer - shorter) / step
 
 
 def steps(problem: Problem, effect: Effect, log: int, times: np.ndarray, ramp: float = 0.0) -> list[Hypothesis]:

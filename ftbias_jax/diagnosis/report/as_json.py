@@ -8,17 +8,13 @@ import numpy as np
 
 from ftbias_jax.diagnosis.result import Candidate, Course, Diagnosis, FoundTerm
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.atomic import read_json, write_json
+from ftbias_jax.io.atomic import plain, read_json, write_json
 
 SCHEMA = 2
 
 
 def save_json(diagnosis: Diagnosis, path: str | os.PathLike[str]) -> None:
     """Write all but the plots' series, for programs, whole or not at all; ``Diagnosis.to_json`` is this.
-
-    Args:
-        diagnosis: what to write.
-        path: the file.
 
     Raises:
         OutputError: the file cannot be written there.
@@ -53,15 +49,11 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "by_log": [log._asdict() for log in diagnosis.by_log],
         "courses": [course._asdict() for course in diagnosis.courses],
     }
-    plain: dict[str, Any] = _plain(content)
-    return plain
+    return plain(content)
 
 
 def load_found(path: str) -> tuple[tuple[Candidate, ...], tuple[FoundTerm, ...], dict[str, Any]]:
-    """Causes and terms of a saved diagnosis, and all of its content.
-
-    Args:
-        path: of the JSON file.
+    """Causes and terms of a saved diagnosis, a JSON file, and all of its content.
 
     Raises:
         LogError: it cannot be read, or is no diagnosis.
@@ -99,17 +91,3 @@ def load_courses(path: str) -> tuple[str, tuple[Course, ...]]:
 
 def _fields(entry: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
     return {name: entry[name] for name in names if name in entry}
-
-
-def _plain(value: Any) -> Any:
-    """What ``json`` can write, all the way down."""
-    match value:
-        case Mapping():
-            return {str(key): _plain(item) for key, item in value.items()}
-        case list() | tuple():
-            return [_plain(item) for item in value]
-        case None | bool() | int() | str():
-            return value
-        case float():
-            return float(value) if np.isfinite(value) else None
-    return _plain(np.asarray(value).tolist())

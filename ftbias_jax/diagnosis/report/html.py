@@ -7,21 +7,8 @@ from pathlib import PurePath
 
 import numpy as np
 
-from ftbias_jax.diagnosis.report import plots
+from ftbias_jax.diagnosis.report import page, plots
 from ftbias_jax.diagnosis.report import tables as words
-from ftbias_jax.diagnosis.report.page import (
-    MAX_NUMBERS,
-    bullets,
-    capital,
-    data_block,
-    figure,
-    html_table,
-    paragraphs,
-    script,
-    section,
-    typeset,
-    whole_page,
-)
 from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.result import Candidate, Course, Diagnosis, FoundTerm, Where
 from ftbias_jax.io.atomic import write_atomic
@@ -46,10 +33,7 @@ HOW_TO_READ = (
 def save_html(diagnosis: Diagnosis, path: str | os.PathLike[str], title: str = "") -> None:
     """Write a report with plots, one file, whole or not at all; ``Diagnosis.to_html`` is this.
 
-    Args:
-        diagnosis: what to show.
-        path: the file.
-        title: of the report; "" = the names of logs and setup.
+    Its title "" stands for the names of logs and setup.
 
     Raises:
         OutputError: the file cannot be written there.
@@ -60,31 +44,26 @@ def save_html(diagnosis: Diagnosis, path: str | os.PathLike[str], title: str = "
 
 
 def to_html(diagnosis: Diagnosis, title: str) -> str:
-    """The report.
-
-    Args:
-        diagnosis: what to show.
-        title: such as the names of the logs; any text.
-    """
+    """The report, whose title may be any text."""
     sections = (
-        section("What to do", _remedies(diagnosis)),
-        section("Causes", _causes(diagnosis.causes)),
-        section("Since when", _courses(diagnosis.courses)),
-        section("Not in the catalogue", _terms(diagnosis.terms)),
-        section("The gap before and after" if _has_after(diagnosis) else "The gap", _gap(diagnosis)),
-        section("Log by log", paragraphs(words.log_lines(diagnosis))),
-        section("What is left, against time", _times(diagnosis)),
-        section("What is left, against the cause", _regressor(diagnosis)),
-        section("How well each effect explains it", _ranking(diagnosis)),
-        section("Twins: what the data do not tell apart", _twins(diagnosis.causes)),
-        section("Where the gap is", _where(diagnosis.where, diagnosis.verdict)),
-        section("Samples that were lost", html_table(("what",), [(loss,) for loss in diagnosis.losses])),
-        section("What was not tested", html_table(("effect", "why"), diagnosis.not_tested)),
-        section("Where this comes from", html_table(("what", "value"), words.origin_rows(diagnosis))),
-        section("How to read this", paragraphs(HOW_TO_READ)),
+        page.section("What to do", _remedies(diagnosis)),
+        page.section("Causes", _causes(diagnosis.causes)),
+        page.section("Since when", _courses(diagnosis.courses)),
+        page.section("Not in the catalogue", _terms(diagnosis.terms)),
+        page.section("The gap before and after" if _has_after(diagnosis) else "The gap", _gap(diagnosis)),
+        page.section("Log by log", page.paragraphs(words.log_lines(diagnosis))),
+        page.section("What is left, against time", _times(diagnosis)),
+        page.section("What is left, against the cause", _regressor(diagnosis)),
+        page.section("How well each effect explains it", _ranking(diagnosis)),
+        page.section("Twins: what the data do not tell apart", _twins(diagnosis.causes)),
+        page.section("Where the gap is", _where(diagnosis.where, diagnosis.verdict)),
+        page.section("Samples that were lost", page.html_table(("what",), [(loss,) for loss in diagnosis.losses])),
+        page.section("What was not tested", page.html_table(("effect", "why"), diagnosis.not_tested)),
+        page.section("Where this comes from", page.html_table(("what", "value"), words.origin_rows(diagnosis))),
+        page.section("How to read this", page.paragraphs(HOW_TO_READ)),
     )
     body = f"{_header(diagnosis, title)}\n{''.join(sections)}"
-    return whole_page(title, body, script() if diagnosis.series else "")
+    return page.whole_page(title, body, page.script() if diagnosis.series else "")
 
 
 def _header(diagnosis: Diagnosis, title: str) -> str:
@@ -96,10 +75,10 @@ def _header(diagnosis: Diagnosis, title: str) -> str:
             ("shrinks by", words.shrink_words(gap)),
         ]
     items = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in numbers)
-    note = f"<p>{typeset(diagnosis.note)}</p>" if diagnosis.note else ""
+    note = f"<p>{page.typeset(diagnosis.note)}</p>" if diagnosis.note else ""
     logs = f"<p class='small'>Logs: {escape(', '.join(diagnosis.logs))}</p>" if diagnosis.logs else ""
     badge = f"<span class='badge'>{escape(words.verdict_words(diagnosis.verdict))}</span>"
-    head = f"<p class='small'>{escape(title)}</p><h1>{badge} {typeset(diagnosis.sentence)}</h1>"
+    head = f"<p class='small'>{escape(title)}</p><h1>{badge} {page.typeset(diagnosis.sentence)}</h1>"
     return f"<header>{head}{note}<dl>{items}</dl>{logs}</header>"
 
 
@@ -107,13 +86,13 @@ def _causes(causes: Sequence[Candidate]) -> str:
     parts = []
     for cause in causes:
         head = f"{escape(cause.title)}<small>{escape(cause.stage)}, {words.share_words(cause)}</small>"
-        parts.append(f"<h3>{head}</h3><p>{escape(capital(cause.explanation))}</p>")
+        parts.append(f"<h3>{head}</h3><p>{escape(page.capital(cause.explanation))}</p>")
         nominal, found = words.nominal_words(cause), words.parameter_words(cause)
         if any(nominal.values()):
             rows = [(name, nominal[name], value) for name, value in found]
-            parts.append(html_table(("parameter", "in the setup", "found ± standard error"), rows))
+            parts.append(page.html_table(("parameter", "in the setup", "found ± standard error"), rows))
         else:
-            parts.append(html_table(("parameter", "found ± standard error"), found))
+            parts.append(page.html_table(("parameter", "found ± standard error"), found))
     return "".join(parts)
 
 
@@ -121,8 +100,8 @@ def _courses(courses: Sequence[Course]) -> str:
     """When each cause began, and how it went on."""
     caption = "Every log with the standard error of its share; dashed: the first log that has the cause."
     return "".join(
-        f"<p>{typeset(capital(words.course_words(one)))}.</p>"
-        + figure(plots.plot_course(one, f"course-{number}"), caption)
+        f"<p>{page.typeset(page.capital(words.course_words(one)))}.</p>"
+        + page.figure(plots.plot_course(one, f"course-{number}"), caption)
         for number, one in enumerate(courses)
     )
 
@@ -132,12 +111,14 @@ def _terms(terms: Sequence[FoundTerm]) -> str:
     parts = []
     caption = "Orange: what was left of the reading; blue: the term. Markers: means with standard errors."
     for number, term in enumerate(terms):
-        plot = figure(plots.plot_term(term.curve, f"term-{number}"), caption) if term.curve is not None else ""
-        table = html_table(("number", "value ± standard error"), words.term_numbers(term))
+        plot = page.figure(plots.plot_term(term.curve, f"term-{number}"), caption) if term.curve is not None else ""
+        table = page.html_table(("number", "value ± standard error"), words.term_numbers(term))
         told = [("Looks like", ", ".join(term.resembles)), ("What to check", term.check)]
         told += [(f"Could as well be {d}", how) for d, how in zip(term.equivalent_to, term.separate_by, strict=True)]
-        items = bullets(f"<b>{escape(head)}</b>: {escape(text)}." for head, text in told if text)
-        parts.append(f"<h3>{typeset(capital(term.text))}</h3><div class='pair'>{plot}<div>{table}{items}</div></div>")
+        items = page.bullets(f"<b>{escape(head)}</b>: {escape(text)}." for head, text in told if text)
+        parts.append(
+            f"<h3>{page.typeset(page.capital(term.text))}</h3><div class='pair'>{plot}<div>{table}{items}</div></div>"
+        )
     return "".join(parts)
 
 
@@ -166,8 +147,8 @@ def _gap(diagnosis: Diagnosis) -> str:
     columns = {"before": gap.before_rms, "after": gap.after_rms, "noise alone": gap.noise_floor}
     shown = {name: rms for name, rms in columns.items() if after or name != "after"}
     rows = [(plots.channel_title(i), *(f"{rms[i]:.3g}" for rms in shown.values())) for i in range(len(AXES))]
-    table = html_table(("held-out rms", *shown), rows)
-    plot = figure(plots.plot_gap(gap, after), "Dashed: what noise alone leaves (1).")
+    table = page.html_table(("held-out rms", *shown), rows)
+    plot = page.figure(plots.plot_gap(gap, after), "Dashed: what noise alone leaves (1).")
     return f"{_legend(after, noise=False)}<div class='pair'>{plot}{table}</div>"
 
 
@@ -181,7 +162,7 @@ def _times(diagnosis: Diagnosis) -> str:
         drawings = (plots.plot_time(series, channel, f"time-{number}-{channel}", after) for channel in range(6))
         figures = "".join(f"<figure>{drawing}</figure>" for drawing in drawings)
         parts.append(f"<div class='grid' data-series='series-{number}'>{figures}</div>")
-        parts.append(data_block(series, f"series-{number}", after, MAX_NUMBERS // len(drawn)))
+        parts.append(page.data_block(series, f"series-{number}", after, page.MAX_NUMBERS // len(drawn)))
     if len(diagnosis.series) > MAX_LOGS:
         parts.append(f"<p>The plots of {len(diagnosis.series) - MAX_LOGS} more logs are left out.</p>")
     return "".join(parts)
@@ -193,7 +174,7 @@ def _regressor(diagnosis: Diagnosis) -> str:
         return ""
     caption = "Large markers: means of bins with their standard errors. Small dots: single values before."
     caption += " The bias is that of the model with the causes."
-    return _legend(with_after=True, noise=False) + figure(plots.plot_regressor(series), caption, "wide")
+    return _legend(with_after=True, noise=False) + page.figure(plots.plot_regressor(series), caption, "wide")
 
 
 def _ranking(diagnosis: Diagnosis) -> str:
@@ -211,17 +192,17 @@ def _ranking(diagnosis: Diagnosis) -> str:
     columns = zip(ranked, gains, behind, strict=True)
     rows = [(c.title, c.stage, gain, less, words.percent(c.shrink)) for c, gain, less in columns]
     head = ("effect", "stage", "held-out gain [nats/s]", "less than the best [nats/s]", "of the gap")
-    table = html_table(head, rows)
+    table = page.html_table(head, rows)
     caption = (
         f"{'● named or found; ' if any(bar.named for bar in shown) else ''}numbers and whiskers: how much less than the"
         " best, compared block by block, with one standard error. Judged on data the fit has not seen."
     )
-    plot = figure(plots.plot_ranking(shown), caption, "wide")
+    plot = page.figure(plots.plot_ranking(shown), caption, "wide")
     return f"{plot}<details><summary>All {len(ranked)} as a table</summary>{table}</details>"
 
 
 def _twins(causes: Sequence[Candidate]) -> str:
-    return bullets(
+    return page.bullets(
         f"<b>{escape(cause.title)}</b> could as well be <b>{escape(twin)}</b>; {escape(how)}."
         for cause in causes
         for twin, how in words.twin_words(cause)
@@ -231,26 +212,26 @@ def _twins(causes: Sequence[Candidate]) -> str:
 def _remedies(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "none":
         return "<p>Nothing: the setup describes these logs.</p>"
-    items = [f"<b>{escape(c.title)}</b>: {escape(capital(c.remedy))}" for c in diagnosis.causes if c.remedy]
-    items += [escape(capital(term.check)) for term in diagnosis.terms if term.check]
+    items = [f"<b>{escape(c.title)}</b>: {escape(page.capital(c.remedy))}" for c in diagnosis.causes if c.remedy]
+    items += [escape(page.capital(term.check)) for term in diagnosis.terms if term.check]
     if _has_after(diagnosis):
         items.append(f"{'Or let' if items else 'Let'} the model know: <code>{escape(_command(diagnosis))}</code>")
     if diagnosis.verdict not in ("explained", "described"):
         items.append("For what is not explained, start with the channels, times and regimes below.")
-    return bullets(items)
+    return page.bullets(items)
 
 
 def _where(where: Where, verdict: str) -> str:
     if verdict == "none":
         return ""
     stages = f"<p>Stages, most likely first: {escape(', '.join(where.stages))}.</p>" if where.stages else ""
-    shares = figure(plots.plot_shares(where.channels), "Share of each channel in the gap, in noise units.")
+    shares = page.figure(plots.plot_shares(where.channels), "Share of each channel in the gap, in noise units.")
     regimes = [(regime.name, words.percent(regime.share), words.percent(regime.expected)) for regime in where.regimes]
     intervals = [(f"{start:.2f}", f"{end:.2f}", f"{sigmas:.1f}") for start, end, sigmas in where.intervals]
     bands = [(f"{low:.3g}", f"{high:.3g}", words.percent(share)) for low, high, share in where.bands]
     tables = (
-        html_table(("regime", "of the gap", "of the time"), regimes),
-        html_table(("from [s]", "to [s]", "noise sigmas"), intervals),
-        html_table(("from [Hz]", "to [Hz]", "of the gap"), bands),
+        page.html_table(("regime", "of the gap", "of the time"), regimes),
+        page.html_table(("from [s]", "to [s]", "noise sigmas"), intervals),
+        page.html_table(("from [Hz]", "to [Hz]", "of the gap"), bands),
     )
     return f"{stages}<div class='grid'>{shares if where.channels else ''}{''.join(tables)}</div>"

@@ -5,23 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.report.svg import (
-    WIDTH,
-    Axes,
-    band,
-    binned_means,
-    box,
-    curve,
-    data_range,
-    dots,
-    drawing,
-    error_bars,
-    frame,
-    label,
-    line,
-    thin,
-    x_axis,
-)
+from ftbias_jax.diagnosis.report import svg
 from ftbias_jax.diagnosis.report.tables import course_words, day, percent, sigmas_by_channel
 from ftbias_jax.diagnosis.result import ALL_ALONG, Course, Curve, Gap, Series
 from ftbias_jax.types import AXES, AXIS_UNITS
@@ -47,43 +31,43 @@ def plot_gap(gap: Gap, with_after: bool) -> str:
     """Bars of the held-out rms by channel in units of the noise; the after only where there is a cause."""
     before, after = (sigmas_by_channel(rms, gap.noise_floor) for rms in (gap.before_rms, gap.after_rms))
     rows = [*zip(AXES, before, after, strict=True), ("all", gap.before_sigmas, gap.after_sigmas)]
-    top = data_range(before, after, np.array([gap.before_sigmas, gap.after_sigmas, 1.0]), zero=True)[1]
+    top = svg.data_range(before, after, np.array([gap.before_sigmas, gap.after_sigmas, 1.0]), zero=True)[1]
     height = len(rows) * (ROW + 6)
-    axes = Axes((0.0, max(top, 1.5)), (0.0, 1.0), top=6, width=WIDTH - 46 - 44, height=height)
-    parts = [x_axis(axes, "held-out rms in noise sigmas")]
+    axes = svg.Axes((0.0, max(top, 1.5)), (0.0, 1.0), top=6, width=svg.WIDTH - 46 - 44, height=height)
+    parts = [svg.x_axis(axes, "held-out rms in noise sigmas")]
     one = float(axes.across(np.array(1.0)))
     for row, (name, was, now) in enumerate(rows):
         y = axes.top + row * (ROW + 6) + 4
         bars = [("before", was), ("after", now)] if with_after else [("before", was)]
         thickness = 22 / len(bars)
-        parts.append(label(axes.left - 8, y + 15, name, "end", "name"))
+        parts.append(svg.label(axes.left - 8, y + 15, name, "end", "name"))
         for place, (style, value) in enumerate(bars):
             if np.isfinite(value):
                 end, below = float(axes.across(np.array(value))), y + place * thickness
-                parts.append(box(axes.left, below, end - axes.left, thickness - 1, f"fill-{style}"))
+                parts.append(svg.box(axes.left, below, end - axes.left, thickness - 1, f"fill-{style}"))
                 beside = one if one - 30 < end < one else end  # not on the dashed line
-                parts.append(label(beside + 4, below + thickness / 2 + 3.5, f"{value:.2f}"))
-    parts.append(line(one, axes.top, one, axes.top + height, "reference"))
+                parts.append(svg.label(beside + 4, below + thickness / 2 + 3.5, f"{value:.2f}"))
+    parts.append(svg.line(one, axes.top, one, axes.top + height, "reference"))
     words = "; ".join(f"{name}: {was:.2g} before, {now:.2g} after" for name, was, now in rows)
-    return drawing("gap", axes.top + height + 36, "Gap before and after, by channel", words, parts)
+    return svg.drawing("gap", axes.top + height + 36, "Gap before and after, by channel", words, parts)
 
 
 def plot_time(series: Series, channel: int, name: str, with_after: bool) -> str:
     """One channel against time, before and after, over the band that noise alone would fill; name: as of drawings."""
     before, after, noise = (part[:, channel] for part in (series.before, series.after, series.noise))
     shown = [("before", before), ("after", after)] if with_after else [("before", before)]
-    axes = Axes(_time_range(series.t), data_range(*(y for _, y in shown), 2 * noise, -2 * noise), top=24)
+    axes = svg.Axes(_time_range(series.t), svg.data_range(*(y for _, y in shown), 2 * noise, -2 * noise), top=24)
     some = np.unique(np.linspace(0, len(noise) - 1, min(len(noise), MAX_NOISE)).astype(int))  # with both ends
     t, noise = series.t[some], noise[some]
     parts = [
-        frame(axes, channel_title(channel), x_axis(axes, "time [s]")),
-        band(axes, t, -2 * noise, 2 * noise, "noise"),
-        *(curve(axes, *thin(series.t, y, MAX_BUCKETS), f"line-{style}") for style, y in shown),
-        *(curve(axes, t, edge * noise, "noise-edge") for edge in (-2, 2)),
+        svg.frame(axes, channel_title(channel), svg.x_axis(axes, "time [s]")),
+        svg.band(axes, t, -2 * noise, 2 * noise, "noise"),
+        *(svg.curve(axes, *svg.thin(series.t, y, MAX_BUCKETS), f"line-{style}") for style, y in shown),
+        *(svg.curve(axes, t, edge * noise, "noise-edge") for edge in (-2, 2)),
     ]
     rms = ", ".join(f"rms {style} {np.sqrt(_mean(y**2)):.3g}" for style, y in shown)
     data = axes.data | {"channel": channel, "name": channel_title(channel)}
-    return drawing(name, axes.top + axes.height + 34, f"{channel_title(channel)} against time", rms, parts, **data)
+    return svg.drawing(name, axes.top + axes.height + 34, f"{channel_title(channel)} against time", rms, parts, **data)
 
 
 def plot_regressor(series: Sequence[Series]) -> str:
@@ -111,44 +95,44 @@ def plot_course(course: Course, name: str) -> str:
     """The share of a cause by date, in days since the first log, and when it began; name: unique in the page."""
     days, began = ((x - course.dates[0]) / 86400 for x in (course.dates, np.array(course.since)))
     shown = (course.share - course.stderr, course.share + course.stderr)
-    axes = Axes(data_range(days), data_range(*shown, zero=True), top=24)
-    below = x_axis(axes, f"days since {day(course.dates[0])}")
-    parts = [frame(axes, f"{course.effect}, share of what it is in the latest logs", below)]
-    parts.append(error_bars(axes, days, course.share, course.stderr, "mean-after"))
+    axes = svg.Axes(svg.data_range(days), svg.data_range(*shown, zero=True), top=24)
+    below = svg.x_axis(axes, f"days since {day(course.dates[0])}")
+    parts = [svg.frame(axes, f"{course.effect}, share of what it is in the latest logs", below)]
+    parts.append(svg.error_bars(axes, days, course.share, course.stderr, "mean-after"))
     if course.begins != ALL_ALONG:
         x = float(axes.across(began))
-        parts.append(line(x, axes.top, x, axes.top + axes.height, "reference"))
-    return drawing(name, axes.top + axes.height + 34, f"{course.effect} by date", course_words(course), parts)
+        parts.append(svg.line(x, axes.top, x, axes.top + axes.height, "reference"))
+    return svg.drawing(name, axes.top + axes.height + 34, f"{course.effect} by date", course_words(course), parts)
 
 
 def _against(name: str, x: np.ndarray, x_name: str, y_name: str, lines: dict[str, np.ndarray], words: str) -> str:
     """Means over bins of x of what is before and after, with the single values before as dots."""
     sparse = slice(None, None, max(1, len(x) // MAX_DOTS))
-    axes = Axes(data_range(x), data_range(*(y[sparse] for y in lines.values())), top=24, height=190)
-    below = x_axis(axes, x_name)
-    parts = [frame(axes, y_name, below), dots(axes, x[sparse], lines["before"][sparse], "dots-before")]
+    axes = svg.Axes(svg.data_range(x), svg.data_range(*(y[sparse] for y in lines.values())), top=24, height=190)
+    below = svg.x_axis(axes, x_name)
+    parts = [svg.frame(axes, y_name, below), svg.dots(axes, x[sparse], lines["before"][sparse], "dots-before")]
     for style, y in lines.items():
-        middles, means, errors = binned_means(x, y, MEAN_BINS)
-        parts.append(curve(axes, middles, means, f"line-{style} thick"))
-        parts.append(error_bars(axes, middles, means, errors, f"mean-{style}"))
-    return drawing(name, axes.top + axes.height + 34, f"{y_name} against {x_name}", words, parts)
+        middles, means, errors = svg.binned_means(x, y, MEAN_BINS)
+        parts.append(svg.curve(axes, middles, means, f"line-{style} thick"))
+        parts.append(svg.error_bars(axes, middles, means, errors, f"mean-{style}"))
+    return svg.drawing(name, axes.top + axes.height + 34, f"{y_name} against {x_name}", words, parts)
 
 
 def plot_shares(shares: dict[str, float]) -> str:
     """Shares by name, which sum to 1, as horizontal bars."""
     height = len(shares) * ROW
-    axes = Axes((0.0, 1.0), (0.0, 1.0), top=2, width=WIDTH - 46 - 50, height=height)
+    axes = svg.Axes((0.0, 1.0), (0.0, 1.0), top=2, width=svg.WIDTH - 46 - 50, height=height)
     parts = []
     for row, (name, share) in enumerate(shares.items()):
         middle, length = axes.top + (row + 0.5) * ROW, axes.width * float(np.clip(np.nan_to_num(share), 0, 1))
         parts += [
-            label(axes.left - 8, middle + 4, name, "end", "name"),
-            box(axes.left, middle - 8, axes.width, 16, "fill-rest"),
-            box(axes.left, middle - 8, length, 16, "fill-before"),
-            label(WIDTH - 4, middle + 4, percent(share), "end"),
+            svg.label(axes.left - 8, middle + 4, name, "end", "name"),
+            svg.box(axes.left, middle - 8, axes.width, 16, "fill-rest"),
+            svg.box(axes.left, middle - 8, length, 16, "fill-before"),
+            svg.label(svg.WIDTH - 4, middle + 4, percent(share), "end"),
         ]
     words = "; ".join(f"{name}: {percent(share)}" for name, share in shares.items())
-    return drawing("channels", axes.top + height + 2, "Share of each channel in the gap", words, parts)
+    return svg.drawing("channels", axes.top + height + 2, "Share of each channel in the gap", words, parts)
 
 
 class Bar(NamedTuple):
@@ -169,29 +153,29 @@ def plot_ranking(bars: Sequence[Bar]) -> str:
     gains = np.array([bar.nats for bar in bars])
     errors = np.nan_to_num(np.array([bar.stderr for bar in bars]))
     height = len(bars) * ROW
-    x_range = data_range(gains - errors, gains + errors, zero=True)
-    axes = Axes(x_range, (0.0, 1.0), left=NAMES, top=4, width=WIDTH - NAMES - 74, height=height)
-    parts = [x_axis(axes, "held-out gain [nats/s]")]
+    x_range = svg.data_range(gains - errors, gains + errors, zero=True)
+    axes = svg.Axes(x_range, (0.0, 1.0), left=NAMES, top=4, width=svg.WIDTH - NAMES - 74, height=height)
+    parts = [svg.x_axis(axes, "held-out gain [nats/s]")]
     zero = float(axes.across(np.array(0.0)))
     for row, (bar, gain, error) in enumerate(zip(bars, gains, errors, strict=True)):
         middle = axes.top + (row + 0.5) * ROW
         low, end, high = (float(axes.across(np.array(x))) for x in (gain - error, gain, gain + error))
         name, style, fill = (f"● {bar.name}", "name", "fill-after") if bar.named else (bar.name, "", "fill-other")
         parts += [
-            label(axes.left - 6, middle + 4, name, "end", style),
-            box(min(zero, end), middle - 7, abs(end - zero), 14, fill),
-            line(low, middle, high, middle, "whisker"),
-            line(low, middle - 4, low, middle + 4, "whisker"),
-            line(high, middle - 4, high, middle + 4, "whisker"),
-            label(WIDTH - 2, middle + 4, bar.words, "end"),
+            svg.label(axes.left - 6, middle + 4, name, "end", style),
+            svg.box(min(zero, end), middle - 7, abs(end - zero), 14, fill),
+            svg.line(low, middle, high, middle, "whisker"),
+            svg.line(low, middle - 4, low, middle + 4, "whisker"),
+            svg.line(high, middle - 4, high, middle + 4, "whisker"),
+            svg.label(svg.WIDTH - 2, middle + 4, bar.words, "end"),
         ]
-    parts.append(line(zero, axes.top, zero, axes.top + height, "axis"))
+    parts.append(svg.line(zero, axes.top, zero, axes.top + height, "axis"))
     words = "; ".join(f"{bar.name}: {bar.words}" for bar in bars)
-    return drawing("ranking", axes.top + height + 36, "Held-out gain of the candidates", words, parts)
+    return svg.drawing("ranking", axes.top + height + 36, "Held-out gain of the candidates", words, parts)
 
 
 def _time_range(t: np.ndarray) -> tuple[float, float]:
-    return (float(t[0]), float(t[-1])) if len(t) and t[-1] > t[0] else data_range(t)
+    return (float(t[0]), float(t[-1])) if len(t) and t[-1] > t[0] else svg.data_range(t)
 
 
 def _mean(values: np.ndarray) -> float:

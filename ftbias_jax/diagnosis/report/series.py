@@ -4,8 +4,6 @@ Where it is, is judged by squares of the residual in units of its noise: noise a
 the *excess* over 1 is the gap. A statement is made only if chance would hardly make it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import NamedTuple
@@ -46,6 +44,21 @@ HANN_SPREAD = 35 / 18
 """Sum of squared correlations of neighbouring frequencies under a Hann window."""
 LEAST_WARMING = 1.0
 """K, range of temperature below which there is no warm and cold."""
+
+
+class Conditions(NamedTuple):
+    """What the robot was doing, at the bins of the residual; NaN = not known there."""
+
+    speed: np.ndarray
+    """(B,) rad/s, norm of the joint velocities, or of the sensor's turning if its pose is recorded."""
+    acceleration: np.ndarray
+    """(B,) rad/s^2, norm of the joint accelerations, or of the sensor's angular one."""
+    gravity: np.ndarray
+    """(B, 3) direction of gravity in the sensor frame, unit vector."""
+    load_rate: np.ndarray
+    """(B,) positive while the size of the load on the sensor grows, any unit."""
+    temperature: np.ndarray | None = None
+    """(B,) deg C, if recorded."""
 
 
 def where(problem: Problem, held: HeldOut, stages: tuple[str, ...]) -> Where:
@@ -104,21 +117,6 @@ def _motion(problem: Problem) -> Conditions:
         load_rate=np.gradient(load) if len(load) > 1 else np.zeros(len(load)),
         temperature=problem.temperature if np.ptp(problem.temperature) > 0 else None,
     )
-
-
-class Conditions(NamedTuple):
-    """What the robot was doing, at the bins of the residual; NaN = not known there."""
-
-    speed: np.ndarray
-    """(B,) rad/s, norm of the joint velocities, or of the sensor's turning if its pose is recorded."""
-    acceleration: np.ndarray
-    """(B,) rad/s^2, norm of the joint accelerations, or of the sensor's angular one."""
-    gravity: np.ndarray
-    """(B, 3) direction of gravity in the sensor frame, unit vector."""
-    load_rate: np.ndarray
-    """(B,) positive while the size of the load on the sensor grows, any unit."""
-    temperature: np.ndarray | None = None
-    """(B,) deg C, if recorded."""
 
 
 def locate(white: np.ndarray, t: np.ndarray, motion: Conditions, stages: tuple[str, ...] = ()) -> Where:

@@ -1,4 +1,4 @@
-"""Samples averaged over short bins, and bins filled up to few lengths."""
+"""Samples averaged over short bins or around each of them, and bins filled up to few lengths."""
 
 import numpy as np
 
@@ -8,15 +8,12 @@ BINS = (1024, 2048, 4096, 8192)
 """Lengths that binned logs are padded to, so that they share compiled programs."""
 MOST_BINS = 4096
 """Longer logs get longer bins."""
+REACH = 16
+"""Samples before and after together, over which the slow part of a signal is a mean."""
 
 
 def bins_of(t: np.ndarray, duration: float) -> tuple[np.ndarray, int, int]:
-    """The bin (T,) of every sample with a measurement, how many bins there are, and how many with their padding.
-
-    Args:
-        t: (T,) s, stamps of the samples.
-        duration: s, of the log.
-    """
+    """The bin (T,) of every sample measured at t (T,) s, how many bins there are, and how many with their padding."""
     width = max(SHORTEST_BIN, np.nextafter(duration / MOST_BINS, np.inf))  # so that the last sample is in the last bin
     # Bins without a sample are left out: a bin of a slow log is a sample.
     found, index = np.unique((t / width).astype(int), return_inverse=True)
@@ -41,3 +38,9 @@ def mean_of_bins(index: np.ndarray, x: np.ndarray) -> np.ndarray:
 def fill_up(x: np.ndarray, size: int, value: np.ndarray | float) -> np.ndarray:
     """(U, ...) -> (size, ...) with a value in all further rows."""
     return np.concatenate([x, np.broadcast_to(value, (size - len(x), *x.shape[1:]))])
+
+
+def moving_mean(x: np.ndarray) -> np.ndarray:
+    """(N, k) means over the REACH rows around each."""
+    padded = np.pad(x, ((REACH // 2 + 1, REACH // 2), (0, 0)), mode="edge").cumsum(0)
+    return (padded[REACH + 1 :] - padded[: -REACH - 1]) / (REACH + 1)

@@ -8,25 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis import thresholds
 from ftbias_jax.diagnosis.samples.types import Finding, name_channels, surprise
-from ftbias_jax.diagnosis.thresholds import (
-    COARSE,
-    FLAT_TOP_NATS,
-    HEALTHY_RATE,
-    HOLE,
-    LATTICE_TOLERANCE,
-    LEAST_LOST,
-    LEAST_RATE,
-    LEAST_SHARE_ON_LATTICE,
-    LEAST_TIES,
-    LONGEST_GAP,
-    MADE_UP,
-    MOST_ON_TICK,
-    MOST_PERIODS,
-    MOST_TIES,
-    ON_TICK,
-    SURPRISING,
-)
 from ftbias_jax.model.effects.fitting import FLAT_TOPS, LATTICE, LOST
 from ftbias_jax.types import AXES
 
@@ -72,8 +55,7 @@ def repeated_rows(wrench: np.ndarray) -> np.ndarray:
 def runs(marked: np.ndarray) -> np.ndarray:
     """Lengths of the runs of marked rows (N,)."""
     edge = np.flatnonzero(np.diff(marked.astype(int), prepend=0, append=0))
-    lengths: np.ndarray = edge[1::2] - edge[::2]
-    return lengths
+    return edge[1::2] - edge[::2]
 
 
 def find_dropped(repeated: np.ndarray, gaps: Gaps) -> Finding:
@@ -81,8 +63,8 @@ def find_dropped(repeated: np.ndarray, gaps: Gaps) -> Finding:
     samples, copies, missing = len(repeated), int(repeated.sum()), int(gaps.lost.sum())
     total, lost = samples + missing, copies + missing
     rate, share = lost / total, copies / lost if lost else 1.0
-    nats = surprise(lost, HEALTHY_RATE * total)
-    detected = rate >= LEAST_RATE and lost >= LEAST_LOST and nats > SURPRISING
+    nats = surprise(lost, thresholds.HEALTHY_RATE * total)
+    detected = rate >= thresholds.LEAST_RATE and lost >= thresholds.LEAST_LOST and nats > thresholds.SURPRISING
     sentence = f"{copies} of {samples} rows repeat the row before, {missing} are missing from a clock of "
     sentence += f"{1e3 * gaps.period:.3g} ms" if gaps.period else "no steady period"
     sentence += f"; {gaps.pauses} pauses" if gaps.pauses else ""
@@ -96,16 +78,16 @@ def find_lattice(x: np.ndarray) -> Lattice:
     """The lattice most samples (N,) lie on."""
     values, counts = np.unique(x, return_counts=True)
     levels, counts = values[counts > 1], counts[counts > 1]
-    if counts.sum() < LEAST_SHARE_ON_LATTICE * len(x) or len(levels) < 3:
+    if counts.sum() < thresholds.LEAST_SHARE_ON_LATTICE * len(x) or len(levels) < 3:
         return Lattice(0.0, 0.0, 0)
     step = float(np.median(np.diff(levels)))
     number = np.round((levels - levels[np.argmax(counts)]) / step)
     weight = np.sqrt(counts)
     fit = np.polyfit(number, levels, 1, w=weight)
     off = levels - np.polyval(fit, number)
-    on = np.abs(off) < LATTICE_TOLERANCE * abs(fit[0])
+    on = np.abs(off) < thresholds.LATTICE_TOLERANCE * abs(fit[0])
     on_lattice = int(counts[on].sum())
-    if on_lattice < LEAST_SHARE_ON_LATTICE * len(x):
+    if on_lattice < thresholds.LEAST_SHARE_ON_LATTICE * len(x):
         return Lattice(0.0, 0.0, 0)
     resolution = FLOAT32 * float(np.abs(levels).max())
     stderr = (np.std(off[on]) + resolution) / (np.std(number[on]) * np.sqrt(on.sum()))
@@ -114,7 +96,7 @@ def find_lattice(x: np.ndarray) -> Lattice:
 
 def find_quantisation(lattices: Sequence[Lattice], step: np.ndarray, error: np.ndarray, noise: np.ndarray) -> Finding:
     """Lattices that are coarse against the stated noise: steps (6,) N, Nm, 0 = none, with standard errors."""
-    coarse = step >= COARSE * noise
+    coarse = step >= thresholds.COARSE * noise
     sentence, nats = "readings lie on no coarse lattice", 0.0
     if coarse.any():
         on_lattice = max(lattice.on_lattice for lattice in lattices)
@@ -144,7 +126,7 @@ def find_flat_tops(x: np.ndarray, noise_std: float, step: float) -> list[FlatTop
         count = int((outward >= top - resolution / 4).sum())
         inside = int((outward >= top - width).sum()) - count
         nats = surprise(count, (inside + 1) * resolution / width)
-        if LEAST_TIES <= count <= MOST_TIES * len(x) and nats >= FLAT_TOP_NATS:
+        if thresholds.LEAST_TIES <= count <= thresholds.MOST_TIES * len(x) and nats >= thresholds.FLAT_TOP_NATS:
             found.append(FlatTop(side * top, count, nats))
     return found
 
@@ -176,12 +158,15 @@ def find_gaps(t: np.ndarray) -> Gaps:
     """
     dt = np.diff(t)
     short = np.quantile(dt, 0.1)
-    period = float(np.median(dt[dt < HOLE * short]))
+    period = float(np.median(dt[dt < thresholds.HOLE * short]))
     ticks = np.round(dt / period)
-    if np.mean(np.abs(dt / period - ticks) < ON_TICK) < MOST_ON_TICK or np.median(dt) > MOST_PERIODS * period:
+    if (
+        np.mean(np.abs(dt / period - ticks) < thresholds.ON_TICK) < thresholds.MOST_ON_TICK
+        or np.median(dt) > thresholds.MOST_PERIODS * period
+    ):
         return Gaps(0.0, np.zeros(0), 0)
-    hole = (ticks >= 2) & (dt > HOLE * period)
+    hole = (ticks >= 2) & (dt > thresholds.HOLE * period)
     pair = np.concatenate([[np.inf], dt[1:] + dt[:-1], [np.inf]])
-    hole &= np.minimum(pair[1:], pair[:-1]) > MADE_UP * period
-    pause = hole & (dt > LONGEST_GAP)
+    hole &= np.minimum(pair[1:], pair[:-1]) > thresholds.MADE_UP * period
+    pause = hole & (dt > thresholds.LONGEST_GAP)
     return Gaps(period, (ticks - 1)[hole & ~pause], int(pause.sum()))

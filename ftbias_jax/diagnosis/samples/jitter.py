@@ -8,19 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis import thresholds
+from ftbias_jax.diagnosis.samples.bins import moving_mean
 from ftbias_jax.diagnosis.samples.noise import TOP, robust_std
-from ftbias_jax.diagnosis.samples.rows import moving_mean
 from ftbias_jax.diagnosis.samples.types import Finding
-from ftbias_jax.diagnosis.thresholds import (
-    ACROSS,
-    CORRELATED,
-    EVEN,
-    FEW_WINDOWS,
-    JITTER_NATS,
-    JITTER_VISIBLE,
-    LOUD,
-    MOST_JITTER,
-)
 from ftbias_jax.model.effects.fitting import JITTER
 
 ROUNDS = 20
@@ -49,9 +40,11 @@ class Jitter(NamedTuple):
     @property
     def detected(self) -> bool:
         """It is certain, large enough to matter, and nothing but jitter."""
-        certain = self.nats > JITTER_NATS and self.visible > JITTER_VISIBLE
-        alike = self.across < ACROSS and self.even > EVEN and self.correlation < CORRELATED
-        return certain and self.std < MOST_JITTER and alike
+        certain = self.nats > thresholds.JITTER_NATS and self.visible > thresholds.JITTER_VISIBLE
+        alike = (
+            self.across < thresholds.ACROSS and self.even > thresholds.EVEN and self.correlation < thresholds.CORRELATED
+        )
+        return certain and self.std < thresholds.MOST_JITTER and alike
 
     @property
     def finding(self) -> Finding:
@@ -86,7 +79,7 @@ def measure_jitter(amplitude: np.ndarray, rate: np.ndarray, noise_std: np.ndarra
         spread = np.sqrt(1 + std**2 * (rate / sigma) ** 2)
         sigma = robust_std((amplitude / spread[:, None]).reshape(-1, amplitude.shape[2]))
         along, across, speed = _split(amplitude / sigma, rate / sigma)
-        quiet = across < LOUD
+        quiet = across < thresholds.LOUD
         along, across, speed = along[quiet], across[quiet], speed[quiet]
         if not quiet.any() or not speed.any():
             return no_jitter(noise_std)
@@ -140,8 +133,7 @@ def _fit(power: np.ndarray, speed: np.ndarray, ground: np.ndarray, dof: int) -> 
 
     def likelihood(tau2: np.ndarray) -> np.ndarray:
         expected = ground[:, None] + tau2 * x[:, None]
-        total: np.ndarray = -dof / 2 * (np.log(expected) + power[:, None] / expected).sum(0)
-        return total
+        return -dof / 2 * (np.log(expected) + power[:, None] / expected).sum(0)
 
     grid = np.concatenate([[0.0], np.logspace(-3, 4, 57) / np.quantile(x, 0.95)])
     for _ in range(3):
@@ -155,6 +147,6 @@ def _fit(power: np.ndarray, speed: np.ndarray, ground: np.ndarray, dof: int) -> 
     score = dof / 2 * (power / expected - 1) * x / expected
     information = dof / 2 * ((x / expected) ** 2).sum()
     gain = dof / 2 * (power / ground - power / expected - np.log(expected / ground))
-    events = max(FEW_WINDOWS, len(gain) // 100)
+    events = max(thresholds.FEW_WINDOWS, len(gain) // 100)
     nats = np.sort(gain)[:-events].sum() if len(gain) > events else 0.0
     return float(grid[best]), float(np.sqrt((score**2).sum()) / information), float(max(nats, 0.0))

@@ -8,18 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis import thresholds
 from ftbias_jax.diagnosis.samples.spikes import NORMAL_MEDIAN
 from ftbias_jax.diagnosis.samples.types import Finding, name_channels
-from ftbias_jax.diagnosis.thresholds import (
-    CLIP,
-    COLOURED,
-    LOUDER,
-    LOUDER_IF_COLOURED,
-    QUIETER,
-    STATED_WITHIN,
-    SURELY_LOUDER,
-    SURELY_QUIETER,
-)
 from ftbias_jax.model.effects.fitting import LEVEL
 
 WINDOW = 16
@@ -54,8 +45,7 @@ class Waves(NamedTuple):
         basis = self.basis[:, :, TOP - CUBIC :]
         share = (basis**2).sum(2, keepdims=True)
         of_samples = np.einsum("mwj,mjk->mwk", basis, self.top) ** 2 / share
-        squares: np.ndarray = of_samples.reshape(-1, of_samples.shape[2])
-        return squares
+        return of_samples.reshape(-1, of_samples.shape[2])
 
 
 class Noise(NamedTuple):
@@ -100,8 +90,8 @@ def measure_noise(waves: Waves, signal: np.ndarray, stated: np.ndarray, heavy_ta
     level, line = _spectrum(signal, std)
     low, high = np.minimum(np.minimum(top.min(0), std), level), np.maximum(bands.max(0), std)
     margin = np.exp(4 * 1.05 / np.sqrt(4 * windows))  # four standard errors of one band
-    loud = (std > 1.1 * low * margin) | line | (top.max(0) > COLOURED * margin * top.min(0))
-    coloured = loud | (high > COLOURED * margin * std)
+    loud = (std > 1.1 * low * margin) | line | (top.max(0) > thresholds.COLOURED * margin * top.min(0))
+    coloured = loud | (high > thresholds.COLOURED * margin * std)
     nearest = np.clip(stated, np.where(loud, low, std), high)
     stderr = 1.05 * std / np.sqrt(2 * TOP * windows)
     return Noise(np.where(coloured, nearest, std), stderr, low, high, coloured)
@@ -111,7 +101,7 @@ def robust_std(x: np.ndarray) -> np.ndarray:
     """(k,) standard deviation of (N, k), of the normal part if there is a share of larger values."""
     std: np.ndarray = np.median(np.abs(x), 0) / NORMAL_MEDIAN
     for _ in range(4):
-        inside = np.abs(x) <= CLIP * std
+        inside = np.abs(x) <= thresholds.CLIP * std
         std = np.sqrt((x**2 * inside).sum(0) / np.maximum(inside.sum(0), 1)) / CLIPPED_STD
     return std
 
@@ -154,10 +144,12 @@ def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray, grows: bo
     stderr = np.maximum(noise.stderr / noise.std * scale, 1e-6)
     # A step of more than two sigmas hides the noise: it passes a level seldom.
     told = (step < 2 * noise_std) & np.isfinite(scale) & (rests or not grows)
-    floor = np.where(noise.coloured | grows, LOUDER_IF_COLOURED, LOUDER)
-    ceiling = 1 / LOUDER_IF_COLOURED if grows else QUIETER
-    louder = told & (low > floor) & (low - 1 - STATED_WITHIN > SURELY_LOUDER * stderr)
-    quieter = told & (high < ceiling) & (1 - STATED_WITHIN - high > SURELY_QUIETER * stderr)  # a band: twice the error
+    floor = np.where(noise.coloured | grows, thresholds.LOUDER_IF_COLOURED, thresholds.LOUDER)
+    ceiling = 1 / thresholds.LOUDER_IF_COLOURED if grows else thresholds.QUIETER
+    louder = told & (low > floor) & (low - 1 - thresholds.STATED_WITHIN > thresholds.SURELY_LOUDER * stderr)
+    quieter = (
+        told & (high < ceiling) & (1 - thresholds.STATED_WITHIN - high > thresholds.SURELY_QUIETER * stderr)
+    )  # a band: twice the error
     wrong = louder | quieter
     scale, stderr = np.where(told, scale, 1.0), np.where(told, stderr, 0.0)
     dof = 1 / (2 * np.maximum(stderr / scale, 1e-3) ** 2)

@@ -5,13 +5,15 @@ it grows with the rate of the wrench or with the speed of the joints. Floors on 
 matters to the owner.
 """
 
+from typing import NamedTuple, Self
+
 import numpy as np
 
 from ftbias_jax.diagnosis.samples import exact
+from ftbias_jax.diagnosis.samples.bins import moving_mean
 from ftbias_jax.diagnosis.samples.growth import Growth, measure_growth, no_growth
 from ftbias_jax.diagnosis.samples.jitter import Jitter, correlation_along, measure_jitter, no_jitter
 from ftbias_jax.diagnosis.samples.noise import WINDOW, Noise, fast_waves, judge_noise, measure_noise
-from ftbias_jax.diagnosis.samples.rows import Samples, select
 from ftbias_jax.diagnosis.samples.spikes import REACH, Spikes, find_outliers, find_spikes
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
 from ftbias_jax.diagnosis.thresholds import AROUND_CLIPPED, COARSE, FORM_LOSS, LEAST_SCATTER, LEAST_WINDOWS
@@ -21,6 +23,40 @@ from ftbias_jax.types import Array
 
 JITTER_SHAPE = 0.1
 """Relative error of the part of the noise that is put down to jitter: its distribution is not known."""
+
+
+class Samples(NamedTuple):
+    """The N rows of a log that have a wrench, in k channels, with what the model says about them."""
+
+    row: np.ndarray
+    """(N,) of the log."""
+    channels: np.ndarray
+    """(6,) bool."""
+    t: np.ndarray
+    """(N,) s."""
+    wrench: np.ndarray
+    """(N, k) N, Nm."""
+    error: np.ndarray
+    """(N, k) N, Nm, of the model."""
+    rate: np.ndarray
+    """(N, k) N/s, Nm/s, of the model."""
+    stated: np.ndarray
+    """(k,) N, Nm, noise."""
+    speed: np.ndarray
+    """(N, n) rad/s, of the joints; n = 0 if there are none."""
+
+    def only(self, keep: np.ndarray) -> Self:
+        """The rows marked in (N,)."""
+        per_row = ("row", "t", "wrench", "error", "rate", "speed")
+        return self._replace(**{name: getattr(self, name)[keep] for name in per_row})
+
+    def at_rest(self, growth: MotionNoise) -> Self:
+        """The fast part of the error with the noise that it would have at rest; growth: per variance at rest."""
+        if not self.speed.size or not growth.per_speed.any():
+            return self
+        louder = np.sqrt(1 + growth.variance(self.speed))
+        fast = self.error - moving_mean(self.error)  # a slow error divided by a fast factor would be noise
+        return self._replace(error=fast / louder, rate=self.rate / louder)
 
 
 def inspect_samples(
@@ -45,7 +81,7 @@ def inspect_samples(
         touched: (T,) samples in contact, whose unrest can look like that of late stamps. None = none.
     """
     stated = np.asarray(noise_std, float)
-    samples = select(log, stated, error, rate, speed)
+    samples = _select(log, stated, error, rate, speed)
     known = MotionNoise(np.zeros((1, 6))) if in_motion is None else in_motion.as_numbers()
     if len(samples.t) < LEAST_WINDOWS * WINDOW:
         return _nothing(log, stated, known, f"only {len(samples.t)} samples of the wrench")
@@ -107,6 +143,19 @@ def inspect_samples(
     )
 
 
+def _select(log: Log, stated: np.ndarray, error: Array, rate: Array, speed: Array | None) -> Samples:
+    """The rows with all channels that share the clock of the most frequent one. Arguments as of ``inspect_samples``."""
+    wrench, error = np.asarray(log.wrench, float), np.asarray(error, float)
+    finite = np.isfinite(wrench)
+    most = finite[:, finite.sum(0).argmax()]
+    channels = (finite & most[:, None]).sum(0) > most.sum() / 2
+    row = np.flatnonzero((finite & np.isfinite(error))[:, channels].all(1) & most)
+    rates = np.nan_to_num(np.asarray(rate, float)[row][:, channels])
+    speeds = np.zeros((len(row), 0)) if speed is None else np.asarray(speed, float)[row]
+    measured, errors = (x[row][:, channels] for x in (wrench, error))
+    return Samples(row, channels, np.asarray(log.t, float)[row], measured, errors, rates, stated[channels], speeds)
+
+
 def _nothing(log: Log, stated: np.ndarray, known: MotionNoise, reason: str) -> SampleFindings:
     """For a log that cannot be examined."""
     a, b, c, d, e, f, g = (Finding(name, False, {}, {}, 0.0, reason) for name in SampleFindings._fields[:7])
@@ -123,8 +172,7 @@ def _among(values: np.ndarray, marked: np.ndarray, neutral: float | np.ndarray) 
 def _around(marked: np.ndarray, reach: int) -> np.ndarray:
     """(N, k) samples that are marked, or within so many samples of one that is."""
     counts = np.apply_along_axis(np.convolve, 0, marked, np.ones(2 * reach + 1))
-    near: np.ndarray = counts[reach : reach + len(marked)] > 0.5  # also where there are fewer samples than that
-    return near
+    return counts[reach : reach + len(marked)] > 0.5  # also where there are fewer samples than that
 
 
 def _is_late(samples: Samples, step: np.ndarray, saturated: np.ndarray, free: np.ndarray) -> bool:

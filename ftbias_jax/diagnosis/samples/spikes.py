@@ -96,8 +96,7 @@ def _neighbourhood(signal: np.ndarray) -> np.ndarray:
     """(N, k) median of the three samples before and the three after each; straight lines pass unchanged."""
     padded = np.pad(signal, ((REACH, REACH), (0, 0)), mode="reflect", reflect_type="odd")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * REACH + 1, axis=0)
-    median: np.ndarray = np.median(np.delete(windows, REACH, axis=-1), -1)
-    return median
+    return np.median(np.delete(windows, REACH, axis=-1), -1)
 
 
 def _local_scale(off: np.ndarray) -> np.ndarray:

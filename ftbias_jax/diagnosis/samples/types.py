@@ -60,14 +60,9 @@ class SampleFindings(NamedTuple):
     setup knows of it, as stated; zeros without joints."""
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Of all signs, whether they are there or not."""
-        return tuple(one for one in self if isinstance(one, Finding))
-
-    @property
     def detected(self) -> tuple[Finding, ...]:
         """The signs that are there."""
-        return tuple(finding for finding in self.findings if finding.detected)
+        return tuple(one for one in self if isinstance(one, Finding) and one.detected)
 
 
 def surprise(count: float, expected: float) -> float:

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis.samples.bins import sum_of_bins
 from ftbias_jax.diagnosis.thresholds import FAR_SQUARES, LEAST_REST
 
 BLOCK_SECONDS = 20.0
@@ -59,8 +60,7 @@ def blocks_of(t: np.ndarray) -> np.ndarray:
 def average_runs(x: np.ndarray, length: int) -> np.ndarray:
     """(N, ...) -> (N // length, ...) means over runs of so many rows."""
     count = len(x) // length
-    mean: np.ndarray = x[: count * length].reshape(count, length, *x.shape[1:]).mean(1)
-    return mean
+    return x[: count * length].reshape(count, length, *x.shape[1:]).mean(1)
 
 
 def _held_out_gains(design: np.ndarray, squares: np.ndarray, block: np.ndarray) -> np.ndarray:
@@ -74,12 +74,7 @@ def _held_out_gains(design: np.ndarray, squares: np.ndarray, block: np.ndarray) 
         constant = fit_variance(design[~test, :1], squares[~test])
         seen = np.minimum(squares[test], FAR_SQUARES * growing)
         gain[test] = (seen / constant - seen / growing - np.log(growing / constant)) / 2
-    return _sum_of_blocks(block, gain)
-
-
-def _sum_of_blocks(block: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(N, m) -> (blocks, m)."""
-    return np.stack([np.bincount(block, column) for column in x.T], 1)
+    return sum_of_bins(block, gain)
 
 
 def fit_variance(design: np.ndarray, squares: np.ndarray, rounds: int = ROUNDS) -> np.ndarray:
@@ -108,8 +103,7 @@ def fit_variance(design: np.ndarray, squares: np.ndarray, rounds: int = ROUNDS) 
         np.minimum(raising, FAR_SQUARES, out=raising)
         np.multiply(raising, lowering, out=raising)
         up, down = parts @ design
-        after: np.ndarray = weights * (up / down).T
-        return after
+        return weights * (up / down).T
 
     for _ in range(rounds):
         once = stepped(weights)
@@ -128,17 +122,9 @@ def fit_variance(design: np.ndarray, squares: np.ndarray, rounds: int = ROUNDS) 
 def standard_errors(
     design: np.ndarray, squares: np.ndarray, weights: np.ndarray, block: np.ndarray, slope: np.ndarray | None = None
 ) -> tuple[np.ndarray, float]:
-    """Standard errors of weights (d, k), from the scatter of the likelihood's derivative over blocks.
+    """Standard errors (d, k) of weights that were fitted, from the scatter of the likelihood's derivative over blocks.
 
-    Args:
-        design: (N, d).
-        squares: (N, k) of the noise.
-        weights: (d, k) that were fitted.
-        block: (N,) number of the block of each row.
-        slope: (N, k) of the variance by one more number, which all channels share; None = there is none.
-
-    Returns:
-        (d, k), and that of the shared number.
+    And that of one more number, which all channels share, if the slope (N, k) of the variance by it is given.
     """
     d, k = weights.shape
     variance = design @ weights
@@ -153,6 +139,6 @@ def standard_errors(
         relative = columns / variance[:, [channel]]
         own = [*range(channel * d, channel * d + d), *shared]
         information[np.ix_(own, own)] += relative.T @ relative
-        scores[:, own] += _sum_of_blocks(block, columns * score[:, [channel]])
+        scores[:, own] += sum_of_bins(block, columns * score[:, [channel]])
     errors = np.linalg.norm(scores @ np.linalg.pinv(information, rcond=1e-9, hermitian=True), axis=0)
     return errors[: d * k].reshape(k, d).T / scale, float(errors[d * k :].sum())

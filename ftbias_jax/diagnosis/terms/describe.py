@@ -1,7 +1,5 @@
 """When terms come into a diagnosis, and beside which effects of the catalogue."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -65,16 +63,10 @@ def describe(
     explained: bool,
     fast: Sequence[float] = (),
 ) -> Outcome:
-    """Terms for what the catalogue does not explain.
+    """Terms for what the catalogue does not explain, or ``explained`` by an event or a pull that a term may stand for.
 
-    Args:
-        problem: of the logs.
-        hold_out: judges fits.
-        base: the nominal model, with the effects of the tool that stay beside all else.
-        accepted: those and the effects that were found.
-        rounds: candidates of each, the accepted one first.
-        explained: whether the accepted effects explain the logs.
-        fast: Hz of lines in the single samples.
+    The nominal model is ``base``, with the effects of the tool that stay beside all else, and ``accepted`` has those
+    and the effects that were found in these rounds; ``fast`` are Hz of lines in the single samples.
     """
     names = [h.effect for h in accepted.hypotheses]
     found_names = names[len(base.hypotheses) :]

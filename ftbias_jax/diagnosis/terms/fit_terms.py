@@ -1,7 +1,5 @@
 """Terms fitted beside the effects of the catalogue: Gauss-Newton in what is not linear, the rest is solved for."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -84,13 +82,8 @@ def improve(
 ) -> Solved:
     """The terms together, better at every step, to first order in the numbers of the fit beside them.
 
-    Args:
-        problem: of the logs.
-        state: of all logs end to end.
-        prepared_fit: the effects of the catalogue beside them, and terms before.
-        terms: with parameters and points to start from.
-        steps: of Gauss-Newton at most.
-        enough: share of the whole gain; the last step gains less.
+    From the parameters and points that they have, by so many steps of Gauss-Newton at most, of which the last one gains
+    less than a share ``enough`` of the whole gain.
     """
     places = _places(terms, float(np.ptp(state.t)))
     now, level = _solve(problem, state, prepared_fit, terms), 0

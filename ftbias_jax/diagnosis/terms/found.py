@@ -1,7 +1,5 @@
 """Terms as the result tells them: numbers with standard errors, words, what to check, and what the plot shows."""
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 
@@ -128,8 +126,7 @@ def _drive(term: Term, state: State, channel: int) -> tuple[np.ndarray, str]:
     joint = max(term.joint, 1)
 
     def inside(vectors: np.ndarray) -> np.ndarray:
-        turned: np.ndarray = np.einsum("tj,tj->t", state.rotation[:, :, axis], vectors)
-        return turned
+        return np.einsum("tj,tj->t", state.rotation[:, :, axis], vectors)
 
     match term.drive:
         case "velocity":
@@ -243,14 +240,7 @@ def sentence(term: Term, values: np.ndarray, stderr: np.ndarray, share: float) -
 
 
 def statement(term: Term, values: np.ndarray, stderr: np.ndarray, rms: str) -> str:
-    """The same without frame and share, for a headline; of several numbers only what they add up to.
-
-    Args:
-        term: the term.
-        values: (k,) its coefficients.
-        stderr: (k,) their standard errors.
-        rms: how large its part of the reading is, with its unit.
-    """
+    """The same without frame and share, for a headline; of several numbers only what they add up to, ``rms``."""
     size = _size(term, values, stderr) if len(values) == 1 else f"about {rms}"
     return f"{_what(term)} of {size} {_does(term)}"
 

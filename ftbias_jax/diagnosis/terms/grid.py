@@ -3,8 +3,6 @@
 With them what stands out in the spectrum of the innovations: lines in time, and in the angle of a joint.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
@@ -68,14 +66,9 @@ def make_term(
 
 
 def make_grid(problem: Problem, state: State, point: np.ndarray, fit: Fit, fast: Sequence[float] = ()) -> list[Term]:
-    """All terms to try.
+    """All terms to try, with forces that act at a point (3,) m, sensor frame, at first.
 
-    Args:
-        problem: of the logs.
-        state: of all logs end to end.
-        point: (3,) m, sensor frame, where forces act at first.
-        fit: what it leaves is looked at for what stands out.
-        fast: Hz of lines in the single samples.
+    What a fit leaves is looked at for what stands out, beside ``fast``, Hz of lines in the single samples.
     """
     terms = (*_slow(problem), *_of_places(state), *_of_joints(problem, state), *_vectors(state), *_channels(problem))
     shifts = state.q.shape[1] or problem.joints == ENTRIES

@@ -1,7 +1,5 @@
 """The grid's terms whitened once, and what each of them gains beside a fit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -124,8 +122,7 @@ def _products(white: np.ndarray, trial: Trial) -> np.ndarray:
     own = white[:, lanes]
     of_lanes = own @ own.transpose(0, 2, 1)
     both = trial.acts.T[:, :, None] & trial.acts.T[:, None]
-    found: np.ndarray = np.where(both, of_lanes[:, place[:, None], place], 0).sum(0, dtype=float)
-    return found
+    return np.where(both, of_lanes[:, place[:, None], place], 0).sum(0, dtype=float)
 
 
 def rank(library: Library, prepared_fit: PreparedFit) -> list[Ranked]:
@@ -206,5 +203,4 @@ def _with_point(prepared: Gains, count: int, forces: int) -> tuple[float, np.nda
 
 def _solve(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
     ridge = 1e-10 * max(float(np.trace(normal)), 1e-12)
-    solved: np.ndarray = np.linalg.solve(normal + ridge * np.eye(len(normal)), right)
-    return solved
+    return np.linalg.solve(normal + ridge * np.eye(len(normal)), right)

@@ -1,7 +1,5 @@
 """Loads that are taken up and put down: whether they are all that a log shows, and what touches them meanwhile."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -63,8 +61,7 @@ def _may_be_all(problem: Problem, base: Fit, rough: Solved) -> bool:
 
 def _away(problem: Problem, load: Term) -> np.ndarray:
     """(U,) s from every bin to the nearest time of a load."""
-    away: np.ndarray = np.abs(problem.t[:, None] - np.ravel(load.parameters["time"])).min(1)
-    return away
+    return np.abs(problem.t[:, None] - np.ravel(load.parameters["time"])).min(1)
 
 
 def _timed(problem: Problem, state: State, found: Solved) -> tuple[Term, np.ndarray]:
@@ -89,12 +86,8 @@ def _timed(problem: Problem, state: State, found: Solved) -> tuple[Term, np.ndar
 def without_touches(problem: Problem, load: Term, error: np.ndarray) -> Problem:
     """The problem in which what a load leaves near its times is noise: fingers close, press, and settle.
 
-    While a part is handed over it touches what it lies on, and what it is pushed with is no weight.
-
-    Args:
-        problem: of one log.
-        load: the term.
-        error: (U, 6) innovations beside it, in standard deviations.
+    While a part is handed over it touches what it lies on, and what it is pushed with is no weight. The innovations
+    beside the load are (U, 6), in standard deviations.
     """
     touched = (_away(problem, load) < thresholds.HANDOVER)[:, None] & (np.abs(error) > thresholds.TOUCHED)
     return problem.louder(np.where(touched, error**2 * problem.variance, 0.0))

@@ -1,7 +1,5 @@
 """Noise whose variance follows something: judged on single samples, by held-out likelihood against a constant."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """What is said of each drive and of each form."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

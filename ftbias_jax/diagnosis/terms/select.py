@@ -1,7 +1,5 @@
 """Which terms describe what the catalogue does not explain: the best one added while it earns it on unseen blocks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -99,12 +97,7 @@ class Search:
         return term
 
     def grow(self, start: Fit, first: list[tuple[float, Solved]]) -> list[Step]:
-        """Terms beside the effects of a fit, while each removes enough on blocks that it has not seen.
-
-        Args:
-            start: the effects of the catalogue that stay.
-            first: ``best(start)``.
-        """
+        """Terms beside a fit, ``first`` of which are ``best(start)``, while each removes enough on unseen blocks."""
         steps: list[Step] = []
         least = max(enough(self.problem, self.base), least_beside_joints(self.problem))
         now = start

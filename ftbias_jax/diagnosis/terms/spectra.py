@@ -1,7 +1,5 @@
 """What stands out in spectra: lines in time, in bins and in single samples, and harmonics of a joint's angle."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is switched on and off: the times at which that which a fit leaves changes its level, by exact segmentation."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from itertools import pairwise, product
 from typing import NamedTuple
@@ -117,18 +115,13 @@ def _switched_at(x: np.ndarray, weight: np.ndarray, cuts: np.ndarray, share: flo
     levels = [_mean(x, weight, a, b) for a, b in zip([0, *cuts], [*cuts, len(x)], strict=True)]
     jumps = np.diff(levels, axis=0) * np.sqrt(np.median(weight, 0))
     along = jumps @ np.linalg.svd(jumps, full_matrices=False)[2][0]
-    switched: np.ndarray = cuts[alternating(along, share * np.abs(along).max())]
-    return switched
+    return cuts[alternating(along, share * np.abs(along).max())]
 
 
 def changes(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(K,) rows before which the level of series changes: piecewise constant, by penalised least squares.
+    """(K,) rows before which the level of series (N, C) changes: piecewise constant, by penalised least squares.
 
     Exact by dynamic programming, pruned as PELT does it (Killick, Fearnhead and Eckley, 2012).
-
-    Args:
-        x: (N, C).
-        weight: (N, C) one over the variance; 0 = not measured.
     """
     (n, channels), price = x.shape, PRICE * np.log(max(len(x), 2)) * x.shape[1]
     # What a level takes of the sum of squares is all in which segmentations differ.
@@ -188,8 +181,7 @@ def _whiteness(x: np.ndarray, weight: np.ndarray) -> float:
 
 def _mean(x: np.ndarray, weight: np.ndarray, first: int, end: int) -> np.ndarray:
     own = weight[first:end]
-    level: np.ndarray = (own * x[first:end]).sum(0) / np.maximum(own.sum(0), 1e-300)
-    return level
+    return (own * x[first:end]).sum(0) / np.maximum(own.sum(0), 1e-300)
 
 
 def _refined(along: np.ndarray, square: np.ndarray, edges: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -233,5 +225,4 @@ def _times_of(state: State, bins: np.ndarray) -> np.ndarray:
     """(M,) s at which bins, with fractions, begin: means of samples are in the middle of theirs."""
     half = float(np.median(np.diff(state.t))) / 2
     edges = np.append(state.t - half, state.t[-1] + half)
-    times: np.ndarray = np.maximum(np.interp(bins, np.arange(len(edges)), edges), 0.0)
-    return times
+    return np.maximum(np.interp(bins, np.arange(len(edges)), edges), 0.0)

@@ -15,17 +15,7 @@ from jax import Array
 
 from ftbias_jax.filtering.process_models import FORGET, Gated, ProcessModel
 from ftbias_jax.runtime.compiled_loops import compile_whole
-from ftbias_jax.runtime.lanes import (
-    Rows,
-    Vector,
-    congruence,
-    from_upper,
-    joseph,
-    plus,
-    symmetric,
-    times,
-    upper,
-)
+from ftbias_jax.runtime.lanes import Rows, Vector, congruence, from_upper, joseph, plus, symmetric, times, upper
 
 Packed = tuple[Vector, Vector]
 """A state between two samples: the mean, and the upper triangle of the covariance row by row."""
@@ -121,15 +111,7 @@ def density_of(record: Tape) -> Array:
 def predict(
     model: ProcessModel, density: Array, restart: Vector, state: tuple[Vector, Rows], dt: Array
 ) -> tuple[Vector, Rows, Array]:
-    """The state before the sample's correction, and whether the filter started again.
-
-    Args:
-        model: of the process.
-        density: strength of its noise.
-        restart: variances from which a filter that knows too little starts again.
-        state: after the previous sample.
-        dt: s since then.
-    """
+    """The state before the sample's correction, dt s after the one given, and whether the filter started again."""
     x, triangle, lost = _start_again(restart, state[0], *_move(model, density, state[0], upper(state[1]), dt))
     return x, from_upper(len(x), triangle), lost
 

@@ -51,15 +51,10 @@ class Slopes(NamedTuple):
 
 
 def step_back(model: ProcessModel, density: Any, dt: Array, record: Tape, bar: Cotangent, state: Packed) -> Slopes:
-    """Adjoint of ``filter_step``.
+    """Adjoint of ``filter_step``, by the record that it kept of the sample.
 
-    Args:
-        model: as for ``filter_step``.
-        density: as for ``filter_step``.
-        dt: () s, as for ``filter_step``.
-        record: what ``filter_step`` kept of the sample.
-        bar: derivatives with respect to what is reported of the sample.
-        state: derivatives with respect to the state after the sample, through later samples.
+    Of derivatives with respect to what is reported of the sample (``bar``), and with respect to the state after it,
+    through later samples.
     """
     # x and the triangle of P: dL/dmean and dL/dcovariance, after the sample's correction, then before it.
     if bar.state is not None:

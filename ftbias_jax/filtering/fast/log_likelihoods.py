@@ -12,16 +12,8 @@ from jax import Array
 from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Float
 
+from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import Smoothed, filter_sums
-from ftbias_jax.filtering.fast.stages import (
-    add_noise,
-    bias_inputs,
-    bias_state,
-    gated,
-    joint_inputs,
-    joint_states,
-    predict_wrenches,
-)
 from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.filtering.samples import pad
 from ftbias_jax.filtering.step import Options, State
@@ -42,17 +34,8 @@ Nats = tuple[Array, Array]
 def log_likelihoods(
     params: Params, state: State, samples: Sample, weight: Float[Array, " T"], options: Options
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Weighted sums of the likelihood's increments, of joints and of wrench.
-
-    Args:
-        params: as for ``stages.run``, where that applies.
-        state: before the first sample.
-        samples: the log.
-        weight: (T,) of every sample.
-        options: of the pipeline.
-    """
-    found: Nats = log_by_log_with_slopes(partial(_of_log, options))(params, state, samples, weight)
-    return found
+    """Sums of the likelihood's increments, of joints and of wrench, with a weight for every sample."""
+    return log_by_log_with_slopes(partial(_of_log, options))(params, state, samples, weight)
 
 
 def _of_log(options: Options, params: Params, state: State, samples: Sample, weight: Array) -> Nats:
@@ -69,8 +52,7 @@ def _of_log(options: Options, params: Params, state: State, samples: Sample, wei
     @partial(jax.checkpoint, policy=jax.checkpoint_policies.save_only_these_names(WRENCH), prevent_cse=False)
     def of_chunk(state: State, chunk: tuple[Sample, Array]) -> tuple[State, Nats]:
         work = partial(_of_chunk, options, params)
-        after: tuple[State, Nats] = jax.lax.cond(is_there(chunk[0]), work, pass_over, state, chunk)
-        return after
+        return jax.lax.cond(is_there(chunk[0]), work, pass_over, state, chunk)
 
     nats: Nats = jax.lax.scan(of_chunk, state, chunks)[1]
     return nats[0].sum(), nats[1].sum()
@@ -85,12 +67,12 @@ def is_there(samples: Sample) -> Array:
 def _of_chunk(options: Options, params: Params, state: State, chunk: tuple[Sample, Array]) -> tuple[State, Nats]:
     """All stages over a chunk: ``stages.run`` without what it would report of every sample."""
     samples, weight = chunk
-    joint = filter_sums(JOINT_MODELS[options.joint_model], True, joint_inputs(params, state, samples), weight)
+    joint = filter_sums(JOINT_MODELS[options.joint_model], True, stages.joint_inputs(params, state, samples), weight)
     assert joint.states is not None
-    predicted = predict_wrenches(params, joint.states, samples, options)
+    predicted = stages.predict_wrenches(params, joint.states, samples, options)
     wrench_tool, variance = (checkpoint_name(x, WRENCH) for x in predicted)
-    inputs = bias_inputs(params, state, samples, wrench_tool, variance, joint.states.mean[1])
-    wrench = filter_sums(gated(inputs, options), False, inputs, weight)
-    joint_last = joint_states(Smoothed(joint.mean, joint.covariance))
-    bias_last = bias_state(Smoothed(*add_noise(wrench.mean, wrench.covariance, -1)))
+    inputs = stages.bias_inputs(params, state, samples, wrench_tool, variance, joint.states.mean[1])
+    wrench = filter_sums(stages.gated(inputs, options), False, inputs, weight)
+    joint_last = stages.joint_states(Smoothed(joint.mean, joint.covariance))
+    bias_last = stages.bias_state(Smoothed(*stages.add_noise(wrench.mean, wrench.covariance, -1)))
     return State(joint_last, bias_last), (joint.nats.sum(), wrench.nats.sum())

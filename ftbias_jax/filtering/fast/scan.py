@@ -37,7 +37,6 @@ class Inputs(NamedTuple):
     mean: Float[Array, "k B"]
     """(k, B) state before the first sample."""
     covariance: Float[Array, "k k B"]
-    """(k, k, B)."""
     restart_variance: Float[Array, "k B"]
     """(k, B) a filter that knows its first two entries less well starts again from this, at rest; inf = never."""
     drive: Any = None
@@ -48,9 +47,7 @@ class Track(NamedTuple):
     """The filters at every sample, after its correction."""
 
     mean: Float[Array, "T k B"]
-    """(T, k, B)."""
     covariance: Float[Array, "T k k B"]
-    """(T, k, k, B)."""
     innovation: Float[Array, "T m B"]
     """(T, m, B) measurement minus prediction, 0 where missing."""
     innovation_variance: Float[Array, "T m B"]
@@ -65,9 +62,7 @@ class Smoothed(NamedTuple):
     """The filters at every sample, given the whole log."""
 
     mean: Float[Array, "T k B"]
-    """(T, k, B)."""
     covariance: Float[Array, "T k k B"]
-    """(T, k, k, B)."""
 
 
 class States(NamedTuple):
@@ -115,12 +110,7 @@ class _Run(NamedTuple):
 
 
 def filter_scan(model: ProcessModel, inputs: Inputs) -> Track:
-    """Run the filters over a log; differentiable in all inputs but dt.
-
-    Args:
-        model: process_models.drift_noise or one of process_models.JOINT_MODELS.values().
-        inputs: see there.
-    """
+    """Run the filters over a log, with a model of ``process_models``; differentiable in all inputs but dt."""
     run = _filtered(model, Kept(states=True, innovations=True), inputs)
     states = States(*run.states).stacked()
     innovations = jnp.stack(run.innovation, 1), jnp.stack(run.innovation_variance, 1)
@@ -128,14 +118,7 @@ def filter_scan(model: ProcessModel, inputs: Inputs) -> Track:
 
 
 def filter_sums(model: ProcessModel, keep: bool, inputs: Inputs, weight: Float[Array, " T"]) -> Sums:
-    """The same where only sums are asked for, and with ``keep`` the states.
-
-    Args:
-        model: as for ``filter_scan``.
-        keep: whether the states of all samples are asked for.
-        inputs: as for ``filter_scan``.
-        weight: (T,) of every sample's likelihood.
-    """
+    """The same where only sums are asked for, with weights of the samples' likelihood, and with ``keep`` states."""
     run = _filtered(model, Kept(states=keep, innovations=False), inputs)
     mean, triangle = run.last
     # An accelerator would round the factors of a matrix product to fewer digits.
@@ -168,7 +151,7 @@ def _loop(model: ProcessModel, keep: Callable[[Step], Any]) -> Callable[[Inputs]
             step = filter_step(model, driven(inputs.density, drive), restart, before, dt, y, variance)
             return (step.mean, upper(step.covariance)), keep(step)
 
-        samples = inputs.dt, _entries(inputs.y), _entries(inputs.variance), inputs.drive
+        samples = inputs.dt, entries(inputs.y), entries(inputs.variance), inputs.drive
         return jax.lax.scan(body, start, samples)
 
     return loop
@@ -286,7 +269,7 @@ def undriven(slope: Any, drive: dict[str, Array] | None) -> tuple[Any, dict[str,
     return alone, drive and {name: getattr(slope, name) for name in drive}
 
 
-def _entries(x: Array) -> Vector:
+def entries(x: Array) -> Vector:
     """(T, m, B) -> m arrays (T, B)."""
     return [x[:, j] for j in range(x.shape[1])]
 

@@ -16,16 +16,15 @@ from jaxtyping import Float
 
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, States, Track, filter_scan
-from ftbias_jax.filtering.fast.wrench_of_joints import wrenches_of_joints
 from ftbias_jax.filtering.process_models import JOINT_MODELS, Gated, ProcessModel, bias_model
 from ftbias_jax.filtering.samples import pad
-from ftbias_jax.filtering.step import Options, State, knows_joints
+from ftbias_jax.filtering.step import Options, State, predict_wrench
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model, Signals
-from ftbias_jax.model.kinematics.recorded_pose import speeds_of
+from ftbias_jax.model.kinematics.recorded_pose import FreeBody, speeds_of
 from ftbias_jax.model.params import Params
-from ftbias_jax.model.wrench.batch import PIECE
-from ftbias_jax.model.wrench.tool_wrench import measurement_covariance
+from ftbias_jax.model.wrench.batch import PIECE, wrenches
+from ftbias_jax.model.wrench.tool_wrench import covariance_of_joints, joint_sensitivity, measurement_covariance
 from ftbias_jax.runtime.compiled_loops import log_by_log_with_slopes, on_cpu
 from ftbias_jax.types import Gaussian, Sample
 
@@ -51,8 +50,7 @@ def run(params: Params, state: State, samples: Sample, options: Options) -> tupl
     Returns:
         the last state and the track of every sample.
     """
-    found: tuple[State, Staged] = log_by_log_with_slopes(partial(_run_log, options))(params, state, samples)
-    return found
+    return log_by_log_with_slopes(partial(_run_log, options))(params, state, samples)
 
 
 def _run_log(options: Options, params: Params, state: State, samples: Sample) -> tuple[State, Staged]:
@@ -77,7 +75,9 @@ def _run_stages(
     joint = filter_scan(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples))
     wrench_tool, variance = predict_wrenches(params, joint, samples, options)
     inputs = bias_inputs(params, state, samples, wrench_tool, variance, speeds_of(params.arm, joint.mean[:, 1]))
-    wrench = without_noise(filter_scan(gated(inputs, options), inputs))
+    track = filter_scan(gated(inputs, options), inputs)
+    mean, covariance = add_noise(track.mean, track.covariance, -1)
+    wrench = track._replace(mean=mean, covariance=covariance)
     last = jax.tree.map(lambda x: x[measured - 1], (joint, wrench))
     return state_of(*last), Staged(joint, wrench, wrench_tool)
 
@@ -108,15 +108,8 @@ def bias_inputs(
 ) -> Inputs:
     """The bias filter as a recursion: six filters of two states and one measurement, y = D theta - W.
 
-    With correlated noise three states, (bias + noise, drift, noise), see ``process_models.correlated_bias``.
-
-    Args:
-        params: robot, tool and noise as stated or fitted.
-        state: before the first sample.
-        samples: the log, leaves (T, ...).
-        wrench_tool: (T, 6) D theta, N, Nm, sensor frame.
-        variance: (T, 6) diagonal of R.
-        velocity: (T, n) rad/s of the joints, needed where vibration is correlated.
+    With correlated noise three states, (bias + noise, drift, noise), see ``process_models.correlated_bias``. The
+    variance is the diagonal of R, and the velocity rad/s of the joints, needed where vibration is correlated.
     """
     density, drive = bias_filter.driving(params, samples.rezeroed, velocity)
     y = (wrench_tool - samples.wrench)[:, None]
@@ -130,21 +123,12 @@ def bias_inputs(
 def add_noise(mean: Array, covariance: Array, sign: float) -> tuple[Array, Array]:
     """States of the bias with the correlated noise added to the bias (sign 1), or taken off it again (sign -1).
 
-    Args:
-        mean: (..., k, 6); with k = 2 there is no such noise.
-        covariance: (..., k, k, 6).
-        sign: 1 or -1.
+    The mean is (..., k, 6), and with k = 2 there is no such noise.
     """
     if mean.shape[-2] == 2:
         return mean, covariance
     T = jnp.eye(3, dtype=mean.dtype).at[0, 2].set(sign)
     return jnp.einsum("ab,...bx->...ax", T, mean), jnp.einsum("ab,...bcx,dc->...adx", T, covariance, T)
-
-
-def without_noise(track: Track) -> Track:
-    """A track of the bias with states (bias, drift, noise)."""
-    mean, covariance = add_noise(track.mean, track.covariance, -1)
-    return track._replace(mean=mean, covariance=covariance)
 
 
 def joint_states(track: Track | Smoothed) -> Gaussian:
@@ -155,19 +139,15 @@ def joint_states(track: Track | Smoothed) -> Gaussian:
 def predict_wrenches(
     params: Params, joints: Gaussian | Track | Smoothed | States, samples: Sample, options: Options
 ) -> tuple[Float[Array, "T 6"], Float[Array, "T 6"]]:
-    """What the sensor should read without bias and noise (T, 6), and the diagonal of R (T, 6).
+    """What the sensor should read without bias and noise (T, 6), D theta without effects, and the diagonal of R (T, 6).
 
-    Args:
-        params: of the pipeline; without effects the reading is D theta.
-        joints: states of the joints with leading axis T: axes in the pipeline's order, as in a track, or entries apart.
-        samples: of the log, for time and temperature.
-        options: of the pipeline.
+    The states of the joints have a leading axis T: axes in the pipeline's order, as in a track, or entries apart.
     """
     if isinstance(joints, Gaussian):
         joints = Smoothed(jnp.swapaxes(joints.mean, 1, 2), jnp.moveaxis(joints.covariance, 1, -1))
     R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
     stated = jnp.diagonal(R)
-    wrench_tool, from_joints = wrenches_of_joints(params, joints, not knows_joints(options))
+    wrench_tool, from_joints = _wrenches_of_joints(params, joints, not options.uncertain_joints)
     if isinstance(joints, States):
         joints = joints.stacked()
     motion = bias_filter.vibration(params.bias, speeds_of(params.arm, joints.mean[:, 1]))
@@ -185,10 +165,32 @@ def predict_wrenches(
     return reading, from_joints + of_terms + compose.noise_variance(stated, rate, signals.model, effects)
 
 
+def _wrenches_of_joints(params: Params, joints: Track | Smoothed | States, known_exactly: bool) -> tuple[Array, Array]:
+    """D theta (T, 6) N, Nm, sensor frame, and what the joints' uncertainty adds to its variance (T, 6)."""
+    if isinstance(params.arm, FreeBody):
+        states = joint_states(joints.stacked() if isinstance(joints, States) else joints)
+        return jax.vmap(partial(_of_free_body, params, known_exactly))(*states)
+    # The wrench depends on q, dq and ddq, and its variance on P_qq, P_qa and P_aa: (T, n) each.
+    if isinstance(joints, States):
+        entries = [*joints.mean, *(joints.triangle[i] for i in (0, 2, 5))]
+    else:
+        mean, P = joints.mean, joints.covariance
+        entries = [*(mean[:, a] for a in range(3)), P[:, 0, 0], P[:, 0, 2], P[:, 2, 2]]
+    return wrenches(Model(params.arm, params.gravity, params.theta), *entries[: 3 if known_exactly else 6])
+
+
+def _of_free_body(params: Params, known_exactly: bool, mean: Array, covariance: Array) -> tuple[Array, Array]:
+    """Wrench of the tool (6,) and the variance that the pose adds (6,), for one sample of a recorded pose."""
+    motion, wrench_tool = predict_wrench(params, mean)
+    if known_exactly:
+        return wrench_tool, jnp.zeros_like(wrench_tool)
+    G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
+    return wrench_tool, jnp.diagonal(covariance_of_joints(G, covariance))
+
+
 def predict_readings(params: Params, joints: Float[Array, "T n 3"], samples: Sample) -> Float[Array, "T 6"]:
     """The reading alone, (T, 6), for joint states (T, n, 3)."""
-    reading: Array = compose.predict(signals_of(params, joints, samples), params.effects or {})
-    return reading
+    return compose.predict(signals_of(params, joints, samples), params.effects or {})
 
 
 def signals_of(params: Params, joints: Float[Array, "T n 3"], samples: Sample) -> Signals:

@@ -34,14 +34,9 @@ Found = tuple[Params, Noise | None, Layout, Iterable[tuple[Log, States, Infos]]]
 
 
 def filter_parts(params: Params, parts: Parts, first_q: Array, options: Options, method: tuple[str, ...]) -> Found:
-    """Filter a long log.
+    """Filter a long log by a method of ``filter_samples`` that does not smooth the bias.
 
-    Args:
-        params: as stated.
-        parts: samples at once -> the log, read in parts; called two or three times.
-        first_q: (n,) rad, the first measured position of every joint.
-        options: of the pipeline.
-        method: as for ``filter_samples``, without smoothing of the bias.
+    The parts, samples at once -> the log, are asked for two or three times.
 
     Returns:
         the parameters and the noise of the log, and its parts with their states and infos, one at a time.
@@ -83,8 +78,7 @@ def _fitted(params: Params, parts: Parts, state: State, options: Options, layout
     whole = Blocks(*map(np.concatenate, zip(*blocks, strict=True)))
     whole = whole._replace(number=np.asarray(len(whole.t)))
     _, fitted = noise_in(params.bias, whole, np.concatenate(jumps), layout=layout, enough=True)
-    noise: tuple[BiasNoise, Noise] = jax.tree.map(np.asarray, fitted)
-    return noise
+    return jax.tree.map(np.asarray, fitted)
 
 
 def _padded(parts: Parts, dtype: Any) -> Iterator[tuple[Log, tuple[Array, Array], Array, Sample]]:

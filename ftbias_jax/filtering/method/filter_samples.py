@@ -63,8 +63,7 @@ def filter_samples(
     length = len(samples.dt) if traced else int(measured_length(samples, np))
     if length // layout.size < LEAST_BLOCKS:
         method = tuple(name for name in method if name != "fit_noise")
-    found: tuple[Params, States, Infos] = _filter(params, samples, options=options, method=method, layout=layout)
-    return found
+    return _filter(params, samples, options=options, method=method, layout=layout)
 
 
 @keep_program("options", "method", "layout")
@@ -78,5 +77,4 @@ def _filter(
             work = PASSES[name](work)
         return passes.summarise(work)
 
-    found: tuple[Params, States, Infos] = log_by_log_with_slopes(one)(params, samples)
-    return found
+    return log_by_log_with_slopes(one)(params, samples)

@@ -6,15 +6,15 @@ import jax
 import jax.numpy as jnp
 
 from ftbias_jax.filtering.fast.kalman_step import Packed
-from ftbias_jax.filtering.fast.rts import smooth_back
 from ftbias_jax.filtering.fast.scan import States, filter_sums
 from ftbias_jax.filtering.fast.stages import joint_inputs, joint_states, predict_wrenches, signals_of
 from ftbias_jax.filtering.method.work import Joints, Work
 from ftbias_jax.filtering.params_for_log import MOST_SAMPLES, guard_against_lag, likeliest_density
 from ftbias_jax.filtering.process_models import JOINT_MODELS
+from ftbias_jax.filtering.smoother import smooth_back
 from ftbias_jax.model.effects import compose
+from ftbias_jax.runtime.compiled_loops import over_pieces
 from ftbias_jax.runtime.lanes import upper
-from ftbias_jax.runtime.pieces import over_pieces
 from ftbias_jax.types import Array, Gaussian, Sample
 
 

@@ -115,14 +115,9 @@ def contacts_in(
     variance: Float[np.ndarray, "T 6"],
     weighs: bool = True,
 ) -> Touched:
-    """What touches the tool in a log.
+    """What touches a tool that must cause this wrench, N, Nm, by the joints' speed, rad/s, and a sample's variance.
 
-    Args:
-        log: as read.
-        tool: N, Nm, the wrench that the tool must cause.
-        speed: rad/s, of the joints.
-        variance: N^2, Nm^2, of a sample.
-        weighs: the tool's weight is in the reading.
+    It ``weighs`` if its weight is in the reading.
     """
     layout = layout_of(np.diff(log.t))
     if len(log.t) // layout.size < LEAST_BLOCKS:
@@ -151,22 +146,14 @@ def scatter_at_rest(
 ) -> Float[np.ndarray, " 6"]:
     """How far readings scatter within a block at rest, per stated noise, as the filter finds and says it.
 
-    Args:
-        log: as read.
-        error: N, Nm, the model's prediction less the wrench.
-        speed: rad/s, of the joints.
-        variance: N^2, Nm^2, of a sample.
-        noise_std: N, Nm, stated of the sensor.
-
-    Returns:
-        ones for a log that is too short to say.
+    The error is the model's prediction less the wrench, N, Nm, all else as for ``contacts_in``; ones for a log that is
+    too short to say.
     """
     layout = layout_of(np.diff(log.t))
     if len(log.t) // layout.size < LEAST_BLOCKS:
         return np.ones(6)
     level = _level(*_padded(log, error, speed, variance), noise_std**2, layout=layout)
-    scatter: np.ndarray = np.sqrt(np.asarray(level))
-    return scatter
+    return np.sqrt(np.asarray(level))
 
 
 def _padded(log: Log, *columns: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray | None, np.ndarray]:

@@ -13,7 +13,7 @@ from ftbias_jax.filtering.noise.fit_noise import fit_noise as noise_of_log
 from ftbias_jax.filtering.noise.vibration import shown_variance, stated_shaking, taken_variance
 from ftbias_jax.filtering.smoother import smooth_axes
 from ftbias_jax.model.params import BiasNoise, Params
-from ftbias_jax.runtime.pieces import over_pieces
+from ftbias_jax.runtime.compiled_loops import over_pieces
 from ftbias_jax.types import Array, Gaussian, Sample
 
 GATE = 6.0

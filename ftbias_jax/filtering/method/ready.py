@@ -46,12 +46,7 @@ def ready_to_filter(
 ) -> Ready:
     """Filter a log: joints smoothed, noise of the log found; or as stated, where ``[bias] adapt = false`` asks for it.
 
-    Args:
-        setup: of the log.
-        parts: samples at once -> the log, read in parts.
-        length: samples of the log.
-        first_q: (n,) rad, the first measured position of every joint.
-        smooth: add the bias given past and future.
+    The log comes in parts: so many samples at once -> them. With ``smooth`` the bias given past and future is added.
     """
     options, adapt = options_from_setup(setup), setup.bias.adapt
     params = zeroed_at(_params_of(setup, is_wide()), setup, first_q)
@@ -68,10 +63,7 @@ def ready_to_filter(
     layout = layout_of(samples.dt)
 
     def run(method: tuple[str, ...]) -> tuple[Params, States, Infos]:
-        found: tuple[Params, States, Infos] = jax.tree.map(
-            np.asarray, filter_samples(params, samples, options, method=method, layout=layout)
-        )
-        return found
+        return jax.tree.map(np.asarray, filter_samples(params, samples, options, method=method, layout=layout))
 
     last = ("smooth_bias",) if smooth and adapt else ()
     taken, states, infos = run((*method, *last))
@@ -100,8 +92,7 @@ def _params_of(setup: Setup, wide: bool) -> Params:
 
 def as_stated(params: Params) -> Params:
     """Parameters of JAX, without noise that is zero."""
-    found: Params = jax.tree.map(jnp.asarray, params._replace(bias=without_nothing(params.bias)))
-    return found
+    return jax.tree.map(jnp.asarray, params._replace(bias=without_nothing(params.bias)))
 
 
 def in_log_time(contacts: Sequence[Contact], dt: Array, t: Array) -> tuple[Contact, ...]:
@@ -112,13 +103,9 @@ def in_log_time(contacts: Sequence[Contact], dt: Array, t: Array) -> tuple[Conta
 
 
 def result_of(log: Log, states: States, infos: Infos, contacts: Sequence[Contact] | None) -> Filtered:
-    """The result of a log or of a part of one, at the stamps of its wrench.
+    """The result of a log or of a part of one, at the stamps of its wrench, from states that may go on with padding.
 
-    Args:
-        log: as filtered.
-        states: of the method, which may go on with padding.
-        infos: of the method.
-        contacts: of the whole log; None = the log was filtered as on the robot, where nobody knows them.
+    The contacts are of the whole log; None = it was filtered as on the robot, where nobody knows them.
     """
     rows = np.isfinite(log.wrench).any(1)
     at: slice | Array = slice(len(rows)) if rows.all() else np.flatnonzero(rows)

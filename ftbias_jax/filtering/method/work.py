@@ -89,8 +89,7 @@ class Work(NamedTuple):
     @property
     def speeds(self) -> Float[Array, "T s"]:
         """rad/s by which noise may grow."""
-        speeds: Array = speeds_of(self.params.arm, self.joints.mean[1])
-        return speeds
+        return speeds_of(self.params.arm, self.joints.mean[1])
 
 
 class Infos(NamedTuple):

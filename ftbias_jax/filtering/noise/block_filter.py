@@ -74,14 +74,8 @@ def filter_blocks(
 
     The Kalman filter of (bias, drift, slow error at the end of the block), over all sets at once. What is measured is
     the mean of the slow error over the block, which is smoother than the error itself (``Averaged``); the bias hardly
-    curves within a block, so its mean is its value in the middle.
-
-    Args:
-        means: of the blocks.
-        grid: the sets.
-        prior_std: (2, 6) of bias and drift.
-        density: (6,) or (G, 6) sigma_Q.
-        drift_rate: 1/s at which the drift reverts to zero, (G, 6); None = never.
+    curves within a block, so its mean is its value in the middle. The density sigma_Q is (6,) or (G, 6), the rate at
+    which the drift reverts to zero 1/s, (G, 6).
     """
     (seconds, t, y, variance), shape = means, grid.std.shape
     sets = (grid, averaged(seconds / grid.time), BiasStrength(density, drift_rate), tuple(prior_std))
@@ -139,8 +133,7 @@ def _filter(sets: Any, h: Array, pause: Array, y: Array, variance: Array) -> Fil
         return ((b, d, g), (bb, bd, bg, dd, dg, gg)), Filtered(v, s, b, d, g)
 
     covariance = (bias_std**2, zero, zero, drift_std**2, zero, stationary)
-    found: Filtered = jax.lax.scan(step, ((zero, zero, zero), covariance), (h, pause, y, variance))[1]
-    return found
+    return jax.lax.scan(step, ((zero, zero, zero), covariance), (h, pause, y, variance))[1]
 
 
 def averaged(x: Array) -> Averaged:

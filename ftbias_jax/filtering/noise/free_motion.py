@@ -39,12 +39,8 @@ def hidden_bias(blocks: Blocks, tool: Float[Array, "N 6"], layout: Layout, state
     The bias may be anything between what the setup expects and what the log reads in the middle, on each axis by as
     much as on the worst of force or torque: a push may hide the bias of one axis by chance.
 
-    Args:
-        blocks: of the log.
-        tool: N, Nm, mean of the wrench in each block that the tool must cause; zeros where the controller subtracts its
-            weight, so that nothing says how large errors of the model may be.
-        layout: of the blocks.
-        stated: prior of the bias.
+    The tool's are N, Nm, mean of the wrench in each block that it must cause; zeros where the controller subtracts its
+    weight, so that nothing says how large errors of the model may be.
     """
     seen, y, middle = _about_the_middle(blocks)
     scatter = jnp.sqrt((y**2).sum(0) / jnp.maximum(seen.sum(), 1))

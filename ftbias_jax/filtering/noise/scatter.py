@@ -91,8 +91,7 @@ def maximise(data: Scatter, rounds: int) -> Coefficients:
         solved = _non_negative(matrix, right, jnp.moveaxis(start, -1, 0))
         return Coefficients(*jnp.split(jnp.moveaxis(solved, 0, -1), [len(stated)], axis=-1))
 
-    found: Coefficients = jax.lax.fori_loop(0, rounds, step, _start(data))
-    return found
+    return jax.lax.fori_loop(0, rounds, step, _start(data))
 
 
 def _start(data: Scatter) -> Coefficients:
@@ -122,8 +121,7 @@ def _non_negative(matrix: Array, right: Array, start: Array) -> Array:
             left = right[j] - (row * b).sum(0)
             return b.at[j].set(jnp.where(own > 0, jnp.maximum(b[j] + left / jnp.where(own > 0, own, 1), 0), 0))
 
-        solved: Array = jax.lax.fori_loop(0, SWEEPS * len(start), one, start)
-        return solved
+        return jax.lax.fori_loop(0, SWEEPS * len(start), one, start)
 
     number = len(right)
     flat = solve(matrix.reshape(number, number, -1), right.reshape(number, -1), start.reshape(number, -1))

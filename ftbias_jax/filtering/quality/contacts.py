@@ -7,6 +7,7 @@ import numpy as np
 
 from ftbias_jax.filtering.noise.contact import Contact
 from ftbias_jax.filtering.result import Filtered
+from ftbias_jax.io.atomic import plain
 from ftbias_jax.types import Array
 
 
@@ -28,7 +29,7 @@ class ContactInterval(NamedTuple):
 
     def plain(self) -> dict[str, Any]:
         """Numbers and lists for JSON; what has no value is None."""
-        return {name: _plain(value) for name, value in self._asdict().items()}
+        return dict(plain(self._asdict()))
 
 
 Sums = tuple[tuple[float, float], int, Array, Array, Array, Array]
@@ -72,9 +73,3 @@ def finish(tallies: Sequence[Sequence[Sums]]) -> tuple[ContactInterval, ...]:
         mean, std = total.sum(0) / count, np.sqrt(squares.sum(0) / count)
         found.append(ContactInterval(times[0][0], times[-1][1], sum(samples), mean, std, peak))
     return tuple(found)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return [float(x) if np.isfinite(x) else None for x in value]
-    return value

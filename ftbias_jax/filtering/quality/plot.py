@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ftbias_jax.filtering.result import Filtered
-    from ftbias_jax.filtering.verbs.results import FilterResult
 
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
 """Okabe and Ito's blue, vermilion and green: told apart by colour-blind readers."""
@@ -27,7 +26,7 @@ MAX_POINTS = 4000
 """A figure has about a thousand pixels across; more points cost time and change nothing."""
 
 
-def plot_filtered(filtered: Filtered | FilterResult, title: str, true_bias: Array | None = None) -> Figure:
+def plot_filtered(filtered: Filtered, title: str, true_bias: Array | None = None) -> Figure:
     """A panel an axis: the bias with its 2 sigma band, and below it what the corrected wrench leaves of the tool model.
 
     The band of what is left is what noise and the bias's own error fill in 95 % of the samples; samples not used

@@ -109,8 +109,7 @@ def _baseline(spectrum: Array, reach: int) -> Array:
     if len(spectrum) <= reach:
         return np.broadcast_to(np.median(spectrum, axis=0), spectrum.shape)
     padded = np.pad(spectrum, [(reach, reach), (0, 0)], mode="reflect")
-    found: Array = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0), axis=-1)
-    return found
+    return np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0), axis=-1)
 
 
 def _line(piece: slice, excess: Array, ratio: Array, df: float, rate: float, threshold: float) -> Line:

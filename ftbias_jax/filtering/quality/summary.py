@@ -1,17 +1,13 @@
 """How well the tool model and the bias explain a filtered log, summed up while its parts go by."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ftbias_jax.filtering.quality.ahead import expected_ahead
 from ftbias_jax.filtering.result import Filtered
+from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.types import AXES, Array
-
-if TYPE_CHECKING:
-    from ftbias_jax.model.params import BiasNoise
 
 AHEAD = 1.0
 """s: how far ahead the reading is predicted."""

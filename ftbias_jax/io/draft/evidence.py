@@ -129,8 +129,7 @@ def _about_means(values: Array, piece: Array) -> Array:
     """(T, 3) values less their mean in each piece (T,) of the log."""
     counts = np.bincount(piece)
     means = np.stack([np.bincount(piece, column) for column in values.T], 1) / np.maximum(counts, 1)[:, None]
-    about: Array = values - means[piece]
-    return about
+    return values - means[piece]
 
 
 def _first_moment(support: Array, torque: Array, count: float) -> tuple[Array, Array]:
@@ -259,5 +258,4 @@ def _about_cubic(t: Array, wrench: Array) -> tuple[Array, Array]:
 def _squares(t: Array, wrench: Array) -> Array:
     columns = np.vander((t - t[0]) / max(np.ptp(t), 1e-9), 4)
     left = wrench - columns @ np.linalg.lstsq(columns, wrench, rcond=None)[0]
-    squares: Array = (left**2).sum(0)
-    return squares
+    return (left**2).sum(0)

@@ -166,9 +166,7 @@ def _of_columns(path: str, header: Sequence[str], found: Mapping[str, Match], va
 def is_static(time: Array | None, motion: Array | None) -> bool:
     """Whether rows can be static poses: few, and far apart in time, or in turning if other units of time are possible.
 
-    Args:
-        time: (N,) stamps as stored; None = none.
-        motion: (N, ...) joints or orientations; None = there are none.
+    The stamps (N,) are as stored, the motion (N, ...) joints or orientations; None = there are none.
     """
     if motion is None or motion.ndim < 2 or not FEWEST <= len(motion) <= MOST:
         return False

@@ -11,7 +11,7 @@ import struct
 import zlib
 from collections.abc import Iterator, Mapping
 
-from ftbias_jax.io.limits.budget import Budget, UnpackError, unpack, unpack_cut
+from ftbias_jax.io.budget import Budget, UnpackError, unpack, unpack_cut
 from ftbias_jax.io.ros import raw
 from ftbias_jax.io.ros.raw import Buffer, ChunkedFile, Definition, OnDamage, RawMessage, Record, plain_type
 

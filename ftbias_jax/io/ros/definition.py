@@ -60,7 +60,6 @@ class Field(NamedTuple):
 Types = Mapping[str, tuple[Field, ...]]
 """Plain name -> fields."""
 
-
 _HEADER = (Field("stamp", _CLOCK["time"]), Field("frame_id", "string"))
 
 

@@ -39,7 +39,6 @@ _RULE = "\n" + "=" * 80 + "\n"
 STORES = ("ROS2_HUMBLE", "LATEST")
 """Of the package rosbags, which is asked for types of ROS 2 that are not common, if it is installed."""
 
-
 Path = tuple[tuple[str, slice], ...]
 """Names from the message inwards, and which entries of each, all of them if nothing is said; () = the message."""
 

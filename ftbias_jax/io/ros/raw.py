@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from mmap import mmap
 from typing import Any, ClassVar, NamedTuple
 
-from ftbias_jax.io.limits.budget import Budget, UnpackError
+from ftbias_jax.io.budget import Budget, UnpackError
 
 Buffer = bytes | mmap
 OnDamage = Callable[[str], None]

@@ -26,13 +26,9 @@ def read_ros(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
 
     If the setup has a sensor_pose, it comes from a topic of geometry_msgs/PoseStamped, or from TF. Otherwise the joints
     come from all publishers of one topic of sensor_msgs/JointState, the wrench from one topic of
-    geometry_msgs/WrenchStamped; messages about other joints, such as a gripper's, are ignored. ``messages`` lists
-    the other types that are known, and [log.topics] may name any field of any type.
-
-    Args:
-        path: the recording.
-        setup: [log.topics] chooses where there are several, [log.clocks] the stamps.
-        salvage: skip what is damaged.
+    geometry_msgs/WrenchStamped; messages about other joints, such as a gripper's, are ignored. ``messages`` lists the
+    other types that are known. [log.topics] chooses where there are several, and may name any field of any type;
+    [log.clocks] chooses the stamps. ``salvage`` skips what is damaged.
     """
     refuse_columns(setup, setup.log.columns, os.fspath(path))
     return log_of(read_recording(path, salvage=salvage, wanted=wanted_of(setup)), setup, os.fspath(path))

@@ -14,7 +14,7 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.files import temporary_folder
-from ftbias_jax.io.limits.budget import SMALL_RECORDING, Budget, need
+from ftbias_jax.io.budget import SMALL_RECORDING, Budget, need
 from ftbias_jax.io.ros import sqlite_bag
 from ftbias_jax.io.ros.containers import McapFile, Ros1Bag
 from ftbias_jax.io.ros.fields import PathError, Plan, make_plan, take, types_of

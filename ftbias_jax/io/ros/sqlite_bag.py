@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
-from ftbias_jax.io.limits.budget import MAX_CHUNK, Budget, UnpackError, unpack_message
+from ftbias_jax.io.budget import MAX_CHUNK, Budget, UnpackError, unpack_message
 from ftbias_jax.io.ros.raw import UNDEFINED, Definition, OnDamage, RawMessage, plain_type
 
 MAGIC = b"SQLite format 3\x00"

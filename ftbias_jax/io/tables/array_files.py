@@ -16,8 +16,8 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.limits import budget
-from ftbias_jax.io.limits.budget import MAX_CHUNK, Budget, need
+from ftbias_jax.io import budget
+from ftbias_jax.io.budget import MAX_CHUNK, Budget, need
 from ftbias_jax.types import Array
 
 GZIP, SHUFFLE, CHECKSUM, LZF = 1, 2, 3, 32000
@@ -49,7 +49,6 @@ class StoredArray(NamedTuple):
     """An array in a file, to be read in parts."""
 
     shape: tuple[int, ...]
-    dtype: np.dtype
     parts: Callable[[int], Iterator[Array]]
     """Rows at once -> the array from its first row on, in parts of that many rows; LogError if it is damaged."""
 
@@ -61,8 +60,8 @@ def stored_arrays(path: str | os.PathLike[str], wanted: Set[str]) -> dict[str, S
         for name in wanted & _members(archive).keys():
             member = _members(archive)[name]
             with archive.open(member) as stream:
-                shape, _, dtype = _check_header(stream, member, name, file)
-            found[name] = StoredArray(shape, dtype, partial(_parts, file, name))
+                shape, *_ = _check_header(stream, member, name, file)
+            found[name] = StoredArray(shape, partial(_parts, file, name))
     return found
 
 

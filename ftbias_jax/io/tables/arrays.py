@@ -23,7 +23,6 @@ ARRAYS = (*STAMPS, *MEASURED)
 POSE_ARRAYS = ("orientation", "position", "angular_velocity", "specific_force")
 """Instead of q and dq, where the setup has a sensor_pose."""
 
-
 QUANTITIES = {
     "time": STAMPS,
     "position": ("q", "orientation", "position"),

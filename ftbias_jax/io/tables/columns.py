@@ -28,7 +28,6 @@ WIDE = ("q", "dq", "wrench")
 """Arrays with several numbers a sample."""
 OPTIONAL = frozenset(("velocity", "temperature"))
 
-
 Columns = dict[str, Names]
 """Name of an array of a log, or of a further column -> the columns that it is; () = the log does not have it."""
 
@@ -52,19 +51,18 @@ def choose_columns(
     found = {quantity: _choose(quantity, header, setup, optional, file) for quantity in needed}
     if not found[quantities[0]]:
         raise _not_found(quantities[0], header, setup, file)
-    for name in sum(found.values(), ()):
+    further = {} if static else named_columns(header, setup, file)
+    columns = {NAMES[quantity]: names for quantity, names in found.items()} | further
+    for name in sum(columns.values(), ()):
         if header.count(name) > 1:
             raise LogError("two columns have this name", file=file, field=name, remedy="rename one of them")
-    further = {} if static else named_columns(header, setup, file)
-    return {NAMES[quantity]: names for quantity, names in found.items()} | further
+    return columns
 
 
 def named_columns(header: Sequence[str], setup: Setup, file: str = "") -> Columns:
     """Further columns, or arrays, that the setup names; of a log of one file all must be there."""
     found: Columns = {}
     for key, name in further_columns(setup.log.columns).items():
-        if header.count(name) > 1:
-            raise LogError("two columns have this name", file=file, field=name, remedy="rename one of them")
         if name in header:
             found[f"{FURTHER}{key}"] = (name,)
         elif not setup.log.files:

@@ -8,7 +8,7 @@ from typing import TextIO
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.limits.budget import Budget
+from ftbias_jax.io.budget import Budget
 from ftbias_jax.io.tables.columns import Columns, split
 from ftbias_jax.types import Array
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.limits.budget import MAX_CHUNK, Budget, need
+from ftbias_jax.io.budget import MAX_CHUNK, Budget, need
 from ftbias_jax.io.tables.columns import Columns, split
 from ftbias_jax.types import Array
 

@@ -66,10 +66,7 @@ class Poses(NamedTuple):
 def read_poses(path: str | os.PathLike[str], setup: Setup) -> Poses:
     """Read a table of static poses: CSV, Parquet, NPZ or HDF5 with the names of a log, time optional.
 
-    Args:
-        path: the file.
-        setup: gives the number and names of the joints, the sensor's sign, and column names. Of a sensor_pose only the
-            orientation is read.
+    Of a sensor_pose only the orientation is read.
 
     Raises:
         LogError: the file cannot be read, or is no table of 4 to 1000 readings at rest.

@@ -66,12 +66,7 @@ LOG_UNITS = {name: FIELDS[name].unit for name in ("t", "q", "dq", "ddq", "bias",
 
 
 def unit_of(name: str, column: int = 0) -> str:
-    """The unit of one column of an array; "" if nothing is known of the array.
-
-    Args:
-        name: of the array.
-        column: of a wrench: 0 to 2 are forces, 3 to 5 torques.
-    """
+    """The unit of one column of an array, of a wrench 0 to 5; "" if nothing is known of the array."""
     if name not in FIELDS:
         return ""
     force, _, torque = FIELDS[name].unit.partition(", ")

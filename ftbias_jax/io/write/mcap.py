@@ -13,7 +13,7 @@ import numpy as np
 
 from ftbias_jax.errors import OutputError
 from ftbias_jax.io.atomic import write_atomic
-from ftbias_jax.io.limits.budget import need
+from ftbias_jax.io.budget import need
 from ftbias_jax.io.write.fields import FIELDS, SIGN
 from ftbias_jax.io.write.selection import About, texts_of
 from ftbias_jax.types import Array
@@ -52,12 +52,9 @@ FLAG_SCHEMA = "bool data\n"
 def save_mcap(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About) -> None:
     """Write the corrected wrench, the bias and what else is there as topics.
 
-    Args:
-        path: the file.
-        arrays: t (T,) s by the log's clock, (T, 6) arrays of TOPICS, N and Nm, signs as in the report, and (T,) arrays
-            of FLAGS.
-        about: its frame is that of the headers. What it says is kept in the metadata record ``ftbias`` (``about``,
-            ``provenance``); every channel has ``unit``, ``meaning`` and ``sign`` in its own metadata.
+    The arrays are t (T,) s by the log's clock, (T, 6) arrays of TOPICS, N and Nm, signs as in the report, and (T,)
+    arrays of FLAGS. What ``about`` says is kept in the metadata record ``ftbias`` (``about``, ``provenance``), its
+    frame in the headers; every channel has ``unit``, ``meaning`` and ``sign`` in its own metadata.
     """
     frame = about.frame or FRAME
     writers = need("mcap.writer", "ros", path, writes=True)

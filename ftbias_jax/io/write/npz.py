@@ -43,14 +43,9 @@ def save_npz_parts(
     """Write named arrays that come in parts, each array the parts one after the other; of () arrays the sum.
 
     What comes is kept in files beside ``path`` that have no name, so that they are gone with this process, until all of
-    it is there: the folder needs room for the result twice.
-
-    Args:
-        path: the file.
-        parts: at least one, with the same names, types and shapes behind the first axis.
-        about: called when the last part has come, for what is said beside the arrays.
+    it is there: the folder needs room for the result twice. There is one part at least; all have the same names, types
+    and shapes behind the first axis. What is said beside the arrays is asked for when the last part has come.
     """
-
     folder = os.path.dirname(os.path.realpath(path))
 
     def write(file: BinaryIO) -> None:

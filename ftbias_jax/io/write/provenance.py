@@ -50,19 +50,12 @@ def source_of(log: Log | Poses, path: str = "") -> Source:
 def provenance(
     setup: Setup, sources: Sequence[Source], options: Mapping[str, Any], names: Sequence[str] = ()
 ) -> Provenance:
-    """What a result of these logs was made from and with.
+    """What a result of these logs was made from and with: plain dicts for JSON.
 
-    Args:
-        setup: with which it was made.
-        sources: the logs.
-        options: of the command or the function, plain numbers and words.
-        names: of the logs; () = their files' names.
-
-    Returns:
-        plain dicts for JSON: version, date (of the first log's start by its own stamps, None if they are no date),
-        setup and logs with the SHA-256 of their files (None if from memory; of a log of several files that of all
-        together, and each by itself as "files"), robot, options, and over all logs their duration in s, mean rate in
-        Hz and samples of the wrench.
+    They have the version, the date (of the first log's start by its own stamps, None if they are no date), setup and
+    logs with the SHA-256 of their files (None if from memory; of a log of several files that of all together, and each
+    by itself as "files"), robot, options, and over all logs their duration in s, mean rate in Hz and samples of the
+    wrench. The ``names`` are those of the logs; () = their files' names.
     """
     logs = [_of_log(source, setup.log.files) for source in sources]
     for log, name in zip(logs, names, strict=bool(names)):

@@ -11,7 +11,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from ftbias_jax.io.atomic import write_atomic, write_json
-from ftbias_jax.io.limits.budget import need
+from ftbias_jax.io.budget import need
 from ftbias_jax.io.write.fields import FIELDS, unit_of
 from ftbias_jax.io.write.selection import About, description, texts_of
 from ftbias_jax.types import AXES, Array
@@ -57,13 +57,10 @@ def table(arrays: Mapping[str, Array]) -> dict[str, Column]:
 
 
 def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About) -> None:
-    """Write a Parquet file that pandas, Polars and DuckDB read.
+    """Write a Parquet file that pandas, Polars and DuckDB read, with the columns of ``table``.
 
-    Args:
-        path: the file.
-        arrays: as for ``table``.
-        about: kept in the metadata of the schema under ``ftbias`` (provenance) and ``ftbias_about``; every column has
-            ``unit`` and ``description`` in its own.
+    What ``about`` says is kept in the metadata of the schema under ``ftbias`` (provenance) and ``ftbias_about``; every
+    column has ``unit`` and ``description`` in its own.
     """
     arrow, parquet = (need(name, "parquet", path, writes=True) for name in ("pyarrow", "pyarrow.parquet"))
     columns = table(arrays)

@@ -6,7 +6,7 @@ to a table with more than the built-in ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -16,8 +16,7 @@ import numpy as np
 
 from ftbias_jax.errors import FtbiasError, SetupError, UsageError
 from ftbias_jax.model.effects import bias, environment, kinematics, sampling, sensor, tool
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
-from ftbias_jax.model.effects.terms.parse import parse_terms
+from ftbias_jax.model.effects.terms.parse import TERM, MakeError, parse_terms
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Values
 from ftbias_jax.setup.fields import nearest, show
 from ftbias_jax.types import Array
@@ -116,18 +115,8 @@ def catalogue_of(values: Values) -> Catalogue:
     return values.catalogue if isinstance(values, OwnValues) else CATALOGUE
 
 
-MakeError = Callable[..., FtbiasError]
-"""(message, field=..., remedy=...) -> the error to raise."""
-
-
 def neutral_values(effect: Effect, model: Model, events: int = 1) -> EffectValues:
-    """Values at which the effect does nothing.
-
-    Args:
-        effect: of the catalogue.
-        model: what the setup states.
-        events: length of the axes of any length.
-    """
+    """Values at which the effect does nothing, of so many events where a parameter's shape leaves that open."""
     return {parameter.name: _neutral(parameter, model, events) for parameter in effect.parameters}
 
 
@@ -181,12 +170,7 @@ def check_values(
 
 
 def check_names(names: Collection[str], field: str, catalogue: Catalogue = CATALOGUE) -> None:
-    """Refuse names that are not in the catalogue.
-
-    Args:
-        names: of effects.
-        field: where they stand, for the message.
-        catalogue: the table.
+    """Refuse names, which stand in this field, that are not in the catalogue.
 
     Raises:
         UsageError: an unknown effect.
@@ -197,12 +181,7 @@ def check_names(names: Collection[str], field: str, catalogue: Catalogue = CATAL
 
 
 def values_from_setup(effects: Mapping[str, Any], file: str = "", catalogue: Catalogue = CATALOGUE) -> Values:
-    """The ``[effects.NAME]`` and ``[[effects.term]]`` sections of a setup.
-
-    Args:
-        effects: ``Setup.effects``.
-        file: its path, for messages.
-        catalogue: the table.
+    """The ``[effects.NAME]`` and ``[[effects.term]]`` sections of a setup, ``Setup.effects`` of this file.
 
     Raises:
         SetupError: an unknown effect or parameter, a wrong shape, a value out of bounds.

@@ -13,7 +13,7 @@ from ftbias_jax.model.effects.catalogue import CATALOGUE, catalogue_of, complete
 from ftbias_jax.model.effects.terms.columns import change, state_of
 from ftbias_jax.model.effects.terms.columns import noise_variance as term_noise
 from ftbias_jax.model.effects.terms.forms import FORMS
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.model.effects.types import Effect, Model, Record, Signals, Values, motion_of
 from ftbias_jax.model.wrench.batch import wrenches_in_motion
 from ftbias_jax.types import Array
@@ -83,14 +83,7 @@ def _moves_alike(moved: Signals, signals: Signals) -> bool:
 
 
 def read(signals: Signals, values: Values, wrench: Array, catalogue: Mapping[str, Effect] | None = None) -> Array:
-    """What the sensor makes of the tool's wrench; (T, 6) -> (T, 6).
-
-    Args:
-        signals: after ``transform``.
-        values: effect -> parameters.
-        wrench: (T, 6) D theta.
-        catalogue: the table of effects; None = that of the values.
-    """
+    """What the sensor makes of the tool's wrench, (T, 6) D theta in N, Nm -> (T, 6), of signals after ``transform``."""
     for name, effect in _acting(values, catalogue):
         if effect.reading:
             wrench = effect.reading(complete(effect, values[name], signals.model), signals, wrench)
@@ -164,12 +157,7 @@ def noise_variance(variance: Array, rate: Array, model: Model, values: Values) -
 
 
 def fill_temperature(t: Array, temperature: Array) -> Array:
-    """(T,) deg C without gaps: straight lines between the recorded values; zeros if there are none.
-
-    Args:
-        t: (T,) s.
-        temperature: (T,) deg C, NaN = not recorded.
-    """
+    """(T,) deg C at t (T,) s without the gaps, NaN: straight lines between recorded values; zeros if there are none."""
     known = np.isfinite(temperature)
     if not known.any():
         return np.zeros_like(temperature)

@@ -77,8 +77,7 @@ def rung(t: Array, signal: Array, frequency: Array, damping_ratio: Array) -> Arr
 def _slopes(t: Array, signal: Array) -> Array:
     """(T - 1, k) between the samples of a signal (T, k); 0 between repeated stamps."""
     dt = jnp.diff(t)
-    slopes: Array = jnp.diff(signal, axis=0) / jnp.where(dt > 0, dt, jnp.inf)[:, None]
-    return slopes
+    return jnp.diff(signal, axis=0) / jnp.where(dt > 0, dt, jnp.inf)[:, None]
 
 
 def _swing_factors(dt: Array, frequency: Array, damping_ratio: Any) -> tuple[Array, Array, Array, Array]:
@@ -137,8 +136,7 @@ def played(signal: Array, width: Array) -> Array:
 
 def play(output: Array, value: Array, width: Array) -> Array:
     """The next output (..., k) of the play operator for the next value (..., k), NumPy or JAX."""
-    following: Array = output.__array_namespace__().clip(output, value - width / 2, value + width / 2)
-    return following
+    return output.__array_namespace__().clip(output, value - width / 2, value + width / 2)
 
 
 def delayed(t: Array, signal: Array, delay: Array) -> Array:

@@ -21,20 +21,10 @@ def stamp_jitter(values: EffectValues, key: Array, record: Record) -> Record:
     return record._replace(wrench=record.wrench + (delayed(record.t, clean, -late) - clean))
 
 
-def widen_jitter(values: EffectValues, variance: Array, rate: Array) -> Array:
-    """A time error acts like noise of the size of the rate."""
-    return variance + (values["std"] * rate) ** 2
-
-
 def noise_level(values: EffectValues, key: Array, record: Record) -> Record:
     """The noise is a multiple of the stated one."""
     noise = values["scale"][None] * record.noise
     return record._replace(wrench=record.wrench + (noise - record.noise), noise=noise)
-
-
-def widen_noise(values: EffectValues, variance: Array, rate: Array) -> Array:
-    """Variance of the scaled noise."""
-    return values["scale"][None] ** 2 * variance
 
 
 def vibration(values: EffectValues, key: Array, record: Record) -> Record:
@@ -67,11 +57,6 @@ def quantisation(values: EffectValues, key: Array, record: Record) -> Record:
     step, xp = values["step"][None], record.wrench.__array_namespace__()
     safe = xp.where(step > 0, step, 1)
     return record._replace(wrench=xp.where(step > 0, safe * xp.round(record.wrench / safe), record.wrench))
-
-
-def widen_quantised(values: EffectValues, variance: Array, rate: Array) -> Array:
-    """Rounding is uniform over a step: variance step^2 / 12."""
-    return variance + values["step"][None] ** 2 / 12
 
 
 def outliers(values: EffectValues, key: Array, record: Record) -> Record:
@@ -118,7 +103,7 @@ EFFECTS = (
         "use the hardware's stamps instead of the arrival time",
         recording=stamp_jitter,
         fit=Fitting(Samples(JITTER)),
-        widen=widen_jitter,
+        widen=lambda values, variance, rate: variance + (values["std"] * rate) ** 2,
         twins=(Twin("noise_level", False, "hold still: the noise of jitter grows with the rate of the wrench"),),
         statement=amount("stamps scatter by {value} ms about the time of measurement", "std", 1e3),
     ),
@@ -130,7 +115,7 @@ EFFECTS = (
         "correct sensor.noise_std in the setup: ftbias tune",
         recording=noise_level,
         fit=Fitting(Samples(LEVEL)),
-        widen=widen_noise,
+        widen=lambda values, variance, rate: values["scale"][None] ** 2 * variance,
         twins=(
             Twin("vibration", False, "hold still for some seconds, then move: noise of another size does not change"),
         ),
@@ -199,7 +184,7 @@ EFFECTS = (
         "log more digits, or choose a smaller range in the sensor's settings",
         recording=quantisation,
         fit=Fitting(Samples(LATTICE)),
-        widen=widen_quantised,
+        widen=lambda values, variance, rate: variance + values["step"][None] ** 2 / 12,  # uniform over a step
         statement=channels("readings of {channel} come in steps of {value}", "step", exact=True),
     ),
     Effect(

@@ -5,16 +5,12 @@ A revolute joint with unit axis s through the point r has the screw (-s x r; s) 
 R_base_sensor and p_base_sensor are the pose of the sensor frame.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
-
-if TYPE_CHECKING:
-    import numpy as np
 
 
 class Arm(NamedTuple):
@@ -34,7 +30,6 @@ class Motion(NamedTuple):
     """Pose, twist and acceleration of the sensor frame with respect to the base, in base coordinates."""
 
     R_base_sensor: Float[Array, "3 3"]
-    """(3, 3)."""
     p_base_sensor: Float[Array, " 3"]
     """(3,) m."""
     linear_velocity: Float[Array, " 3"]

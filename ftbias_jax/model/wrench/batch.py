@@ -110,8 +110,7 @@ def wrench_piece(
 
 def row_of(columns: Float[Array, "pieces n C"], i: Array | int, j: Array | int) -> Float[Array, " C"]:
     """Row j of piece i."""
-    row: Array = jax.lax.dynamic_slice(columns, (i, j, 0), (1, 1, columns.shape[2]))[0, 0]
-    return row
+    return jax.lax.dynamic_slice(columns, (i, j, 0), (1, 1, columns.shape[2]))[0, 0]
 
 
 def wrench_of(theta: Vector, felt: Felt) -> Vector:
@@ -196,8 +195,7 @@ def _all_wrenches(constants: Constants, columns: Joints) -> tuple[Array, Array]:
         wrench, variance = wrench_piece(chain, gravity, theta, columns, i)
         return jnp.stack(wrench), jnp.stack(variance)
 
-    found: tuple[Array, Array] = jax.lax.map(one, jnp.arange(columns[0].shape[0]))
-    return found
+    return jax.lax.map(one, jnp.arange(columns[0].shape[0]))
 
 
 @compile_whole
@@ -211,11 +209,9 @@ def _joint_slopes(constants: Constants, given: tuple[Joints, tuple[Array, ...]])
         def of_joints(columns: Joints) -> tuple[Vector, ...]:
             return wrench_piece(chain, gravity, theta, tuple(x[None] for x in columns), 0)[: len(bars)]
 
-        found: Joints = jax.vjp(of_joints, columns)[1](tuple(map(list, bars)))[0]
-        return found
+        return jax.vjp(of_joints, columns)[1](tuple(map(list, bars)))[0]
 
-    found: Joints = jax.lax.map(one, given)
-    return found
+    return jax.lax.map(one, given)
 
 
 @compile_whole
@@ -228,8 +224,7 @@ def _tool_slopes(constants: Constants, columns: Joints, bars: tuple[Array, ...])
         return jax.tree.map(jnp.add, sums, pull(tuple(list(bar[i]) for bar in bars))), None
 
     start = jnp.zeros_like(gravity), jnp.zeros_like(theta)
-    found: tuple[Array, Array] = jax.lax.scan(one, start, jnp.arange(columns[0].shape[0]))[0]
-    return found
+    return jax.lax.scan(one, start, jnp.arange(columns[0].shape[0]))[0]
 
 
 def _arm_slopes(model: Model, columns: Joints, bars: tuple[Array, ...]) -> Arm:
@@ -248,5 +243,4 @@ def _arm_slopes(model: Model, columns: Joints, bars: tuple[Array, ...]) -> Arm:
         pull = jax.vjp(lambda arm: jax.vmap(partial(sample, arm), 1, 1)(joints), model.arm)[1]
         return jax.tree.map(jnp.add, sums, pull(bars)[0]), None
 
-    found: Arm = jax.lax.scan(one, jax.tree.map(jnp.zeros_like, model.arm), (columns, bars))[0]
-    return found
+    return jax.lax.scan(one, jax.tree.map(jnp.zeros_like, model.arm), (columns, bars))[0]

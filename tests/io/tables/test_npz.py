@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from one_line import fails
 
-from ftbias_jax.io import read_log
-from ftbias_jax.io.limits import budget
+from ftbias_jax.io import budget, read_log
 from ftbias_jax.io.tables.array_files import load_arrays
 
 T = 5

@@ -6,7 +6,7 @@ import pytest
 from pyarrow import parquet
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.limits.budget import Budget
+from ftbias_jax.io.budget import Budget
 from ftbias_jax.io.tables.parquet import DAMAGE, Thrift, check_pages
 
 

@@ -42,7 +42,7 @@ OWN_FORMS = {
 """The forms that are the catalogue's own."""
 
 
-PLUMBING = ("ftbias_jax.errors", "ftbias_jax.io.atomic", "ftbias_jax.runtime.processes")
+PLUMBING = ("ftbias_jax.errors", "ftbias_jax.io.atomic", "ftbias_jax.runtime.executors")
 """What has no physics in it."""
 
 

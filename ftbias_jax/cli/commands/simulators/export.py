@@ -8,9 +8,8 @@ from functools import partial
 from ftbias_jax.cli.given import write_answers
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io.atomic import write_json
-from ftbias_jax.io.outputs import check_outputs, check_writable
 from ftbias_jax.io.write.mcap import LAYOUTS, layout
-from ftbias_jax.io.write.ours import EXPORT, SETUP
+from ftbias_jax.io.write.outputs import EXPORT, SETUP, check_outputs, check_writable
 from ftbias_jax.setup import Setup, load_setup
 from ftbias_jax.setup.export import export_text
 from ftbias_jax.setup.export.payload import ExportOptions

@@ -13,7 +13,7 @@ from ftbias_jax.io import read_log
 from ftbias_jax.io.atomic import write_json
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.write.npz import save_npz, texts_of_log
-from ftbias_jax.io.write.ours import LOG, SCORE
+from ftbias_jax.io.write.outputs import LOG, SCORE
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.runtime.progress import Progress, Stages
 from ftbias_jax.setup import Setup

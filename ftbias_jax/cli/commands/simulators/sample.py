@@ -8,7 +8,7 @@ import numpy as np
 from ftbias_jax.cli.commands.simulators.export import scene_of, sensor_file_text
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io.atomic import make_folder, write_json
-from ftbias_jax.io.outputs import check_outputs
+from ftbias_jax.io.write.outputs import check_outputs
 from ftbias_jax.runtime.progress import Progress
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.save import write_text

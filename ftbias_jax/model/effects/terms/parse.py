@@ -11,7 +11,7 @@ from ftbias_jax.model.effects.terms.forms import DRIVES, FORMS
 from ftbias_jax.model.effects.terms.types import ACTS_AS, FRAMES, Parameter, Term
 from ftbias_jax.setup.fields import nearest, show
 
-NAME = "term"
+TERM = "term"
 """Of the effect."""
 FIXED = ("drive", "form", "frame", "acts_as", "joint", "columns", "point", "coefficients", "text")
 
@@ -20,11 +20,7 @@ MakeError = Callable[..., FtbiasError]
 
 
 def parse_terms(sections: Any, error: MakeError = SetupError) -> dict[str, Term]:
-    """Terms by the number of their section, from 1.
-
-    Args:
-        sections: ``effects["term"]`` of a setup.
-        error: makes the error to raise.
+    """Terms by the number of their section, from 1, of ``effects["term"]`` of a setup.
 
     Raises:
         SetupError: an unknown drive, form or key, a missing or wrong number.

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 from small_fits import small_fit
 
-from ftbias_jax.diagnosis.evidence import posterior
+from ftbias_jax.diagnosis.evidence import estimates
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, Slow
 from ftbias_jax.diagnosis.regression.coordinates import layout
 from ftbias_jax.model.effects.catalogue import CATALOGUE
@@ -46,8 +46,8 @@ def test_correlations_are_those_of_the_fit_in_the_order_of_the_causes(make_candi
     problem, fit, causes = made(make_candidate)
     root = np.random.default_rng(0).normal(size=(8, 8))
     spread = root @ root.T
-    monkeypatch.setattr(posterior, "covariance", lambda problem, fit: spread)
-    found = posterior.correlations(problem, fit, causes)
+    monkeypatch.setattr(estimates, "covariance", lambda problem, fit: spread)
+    found = estimates.correlations(problem, fit, causes)
     # Of the fit: mass, offset, six amplitudes; of the causes: amplitudes, tau, steps, offset, joint, mass.
     order = {**{k: 2 + k for k in range(6)}, 13: 1, 15: 0}
     std = np.sqrt(np.diag(spread))
@@ -65,6 +65,6 @@ def test_without_a_covariance_all_is_independent(make_candidate, monkeypatch):
     def refuse(problem, fit):
         raise np.linalg.LinAlgError
 
-    monkeypatch.setattr(posterior, "covariance", refuse)
-    np.testing.assert_array_equal(posterior.correlations(problem, fit, causes), np.eye(16))
-    assert posterior.correlations(problem, fit, []).shape == (0, 0)
+    monkeypatch.setattr(estimates, "covariance", refuse)
+    np.testing.assert_array_equal(estimates.correlations(problem, fit, causes), np.eye(16))
+    assert estimates.correlations(problem, fit, []).shape == (0, 0)

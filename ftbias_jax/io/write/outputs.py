@@ -1,23 +1,49 @@
-"""Where results may be written: never over an input, over one another, or over what this program did not write."""
+"""Where results may be written: never over an input, over one another, or over what this program did not write.
 
+What it wrote, and as what, shows in a file itself: only that is replaced without being told to.
+"""
+
+import json
 import os
+import zipfile
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
-from ftbias_jax.errors import OutputError, UsageError
+from ftbias_jax.errors import LogError, OutputError, UsageError
 from ftbias_jax.files import no_regular_file
-from ftbias_jax.io.write.ours import kind_of
+from ftbias_jax.io.tables.array_files import load_arrays
+from ftbias_jax.io.write.fields import SIGN
+from ftbias_jax.io.write.table import companion
+from ftbias_jax.setup.save import WRITTEN_BY
 
-NO_KINDS: Mapping[str, str] = MappingProxyType({})
+RESULT, LOG, SETUP, PAGE, FIGURE, EXPORT = "a result", "a log", "a setup", "a page", "a figure", "an export"
+DIAGNOSIS, CHECK, SCORE, CALIBRATION, PLAN = "a diagnosis", "a check", "a score", "a calibration", "a plan"
+SUFFIXES = {CALIBRATION: ".json", CHECK: ".json", DIAGNOSIS: ".json", PAGE: ".html", PLAN: ".json", SETUP: ".toml"}
+"""Kind -> what the name of such a file must end in."""
+END = 1 << 16
+"""Bytes at either end of a file that are looked at."""
+GENERATOR = b'<meta name="generator" content="ftbias_jax'
+IN_JSON = {
+    DIAGNOSIS: (b'"schema"', b'"verdict"', b'"sentence"'),
+    CHECK: (b'"ok"', b'"findings"'),
+    CALIBRATION: (b'"kept"', b'"forecast"'),
+    SCORE: (b'"versions"', b'"logs"'),
+    PLAN: (b'"expected_std"', b'"largest_share"'),
+    LOG: (b'"provenance"', b'"effects"'),
+}
+"""Kind -> what stands at the beginning of its JSON."""
+FOR_OTHERS = (b"by ftbias_jax ", b'"/ftbias/')
+"""In what is exported for other programs: where it comes from, or the topics that layouts show."""
 Place = str | os.PathLike[str]
 
 
 def check_outputs(
     outputs: Mapping[str, Place | None],
     inputs: Iterable[Place | None],
-    kinds: Mapping[str, str] = NO_KINDS,
+    kinds: Mapping[str, str] = MappingProxyType({}),
     force: bool = False,
 ) -> None:
     """Refuse outputs that are an input or another output, under whatever name, or somebody else's file.
@@ -28,7 +54,7 @@ def check_outputs(
     Args:
         outputs: what names the file on the command line, such as ``-o`` -> the file; None or "" = not asked for.
         inputs: files and folders that are read; None or "" = none.
-        kinds: option -> what is written (``write.ours``): a file that is there is replaced only if it is one of these.
+        kinds: option -> what is written, such as RESULT: a file that is there is replaced only if it is one of these.
         force: replace files of any kind, but no inputs.
     """
     taken = {_identity(file): f"the input {os.fspath(file)!r}" for name in inputs if name for file in _files_of(name)}
@@ -90,6 +116,43 @@ def behind_link(output: Place, in_place: bool) -> str:
     return os.path.realpath(output) if in_place else os.fspath(output)
 
 
+def refuse_existing(path: str) -> None:
+    """A setup that somebody has worked on is not replaced by a draft."""
+    if os.path.lexists(path):
+        raise OutputError("is there already", file=path, remedy="name another file, or remove it")
+
+
+def kind_of(path: str | os.PathLike[str]) -> str:
+    """What this program wrote a file as, such as RESULT; "" = it did not, or nothing shows it."""
+    file = os.fspath(path)
+    try:
+        with open(file, "rb") as stream:
+            head = stream.read(END)
+            stream.seek(max(os.fstat(stream.fileno()).st_size - END, 0))
+            tail = stream.read(END)
+    except OSError:
+        return ""
+    suffix = os.path.splitext(file)[1].lower()
+    if suffix == ".toml":
+        return SETUP if head.startswith(WRITTEN_BY.encode()) else ""
+    if any(words in head for words in FOR_OTHERS):
+        return EXPORT
+    match suffix:
+        case ".npz":
+            return _of_arrays(file)
+        case ".csv":
+            return RESULT if _is_ours(companion(file)) else ""
+        case ".parquet" | ".mcap":
+            return RESULT if b"ftbias" in head + tail else ""
+        case ".json":
+            return next((kind for kind, words in IN_JSON.items() if all(word in head for word in words)), "")
+        case ".html":
+            return PAGE if GENERATOR in head else ""
+        case ".png" | ".svg" | ".pdf":
+            return FIGURE if b"ftbias_jax" in head + tail else ""
+    return ""
+
+
 def _identity(path: Place) -> tuple[object, ...]:
     """The same for all names of one file."""
     resolved = os.path.realpath(path)
@@ -107,7 +170,20 @@ def _files_of(path: Place) -> Iterable[Place]:
         yield from (entry.path for entry in entries if not entry.is_dir())
 
 
-def refuse_existing(path: str) -> None:
-    """A setup that somebody has worked on is not replaced by a draft."""
-    if os.path.lexists(path):
-        raise OutputError("is there already", file=path, remedy="name another file, or remove it")
+def _is_ours(metadata: str) -> bool:
+    try:
+        with open(metadata, "rb") as stream:
+            return json.dumps(SIGN).encode() in stream.read(END)
+    except OSError:
+        return False
+
+
+def _of_arrays(file: str) -> str:
+    try:
+        if "about.npy" not in zipfile.ZipFile(file).namelist():
+            return ""
+        about: Any = json.loads(str(load_arrays(file, ("about",))["about"]))
+    except (LogError, OSError, zipfile.BadZipFile, KeyError, ValueError, RecursionError):
+        return ""
+    known = about.keys() if isinstance(about, dict) else ()
+    return RESULT if "fields" in known else LOG if "reports" in known else ""

@@ -6,8 +6,7 @@ from log_files import SUFFIXES, write
 from small_archive import SETUP
 
 from ftbias_jax.errors import LogError, SetupError, UsageError
-from ftbias_jax.io import read_log
-from ftbias_jax.io.limits import budget
+from ftbias_jax.io import budget, read_log
 from ftbias_jax.setup import load_setup
 
 ROWS = 20_000

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from small_filters import COUNT, GAP, LANES, MODELS, problem, single, sizes
 
-from ftbias_jax.filtering.fast.rts import smooth_track
 from ftbias_jax.filtering.fast.scan import filter_scan
 from ftbias_jax.filtering.process_models import BiasStrength, correlated_bias, matrix, reverting_drift
+from ftbias_jax.filtering.smoother import smooth_track
 
 FUNCTIONS = {**MODELS, "a drift that reverts": reverting_drift, "correlated noise": correlated_bias}
 

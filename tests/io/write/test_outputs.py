@@ -5,7 +5,7 @@ import os
 import pytest
 
 from ftbias_jax.errors import OutputError, UsageError
-from ftbias_jax.io.outputs import check_outputs, check_writable, output_of_setup
+from ftbias_jax.io.write.outputs import check_outputs, check_writable, output_of_setup
 
 
 @pytest.fixture(autouse=True)

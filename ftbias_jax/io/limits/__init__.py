@@ -1,1 +1,0 @@
-"""What reading a file may take, whatever the file declares."""
