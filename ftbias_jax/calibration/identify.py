@@ -1,6 +1,5 @@
 """The tool's inertial parameters from a log, jointly with the bias: nobody need have measured the tool."""
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -18,6 +17,7 @@ from ftbias_jax.filtering.smoother import smooth_joints
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import rotation_from_vector
 from ftbias_jax.model.params import Params
+from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.setup.rotations import vector_from_rotation
 from ftbias_jax.types import Array, Gaussian, Sample
 
@@ -91,11 +91,9 @@ def identify(
         mounting: also fit the sensor's rotation.
         gravity: also fit its direction (its size is kept).
     """
-    joints = _smoothed(params, samples, options)
+    joints = _smoothed(params, samples, options=options)
     quarter = _quarter_turn(params, joints, samples) if mounting else np.eye(3)
     params = _turned(params, quarter)
-    problem, _ = likelihood.wrench_problem(params, samples, joints, options)
-    model = innovation_regression.linearise(problem, _readings, params, joints.mean, samples)
     moves = [MOUNTING_STD if mounting else FIXED, GRAVITY_STD if gravity else FIXED]
     if isinstance(params.arm, FreeBody) and samples.q.shape[1] == len("wxyz"):
         moves.append(LEVER_STD)
@@ -104,16 +102,16 @@ def identify(
     prior = Prior(np.pad(physical.coordinates(params.theta), (0, len(std) - len(PRIOR_STD))), std)
     dt = np.asarray(samples.dt)
     x = prior.mean
-    first = model(np.asarray(physical.physical(jnp.asarray(x))))
 
-    def at(x: np.ndarray) -> Linear:
+    def model(x: np.ndarray) -> Linear:
         z = np.asarray(physical.physical(jnp.asarray(x)))
-        return first.moved(z) if only_theta else model(z)
+        return jax.tree.map(np.asarray, _linearised(z, params, joints, samples, options=options))
 
+    first = model(x)
     linear, parts, converged = first, shown.in_blocks(first, dt), only_theta  # the wrench is linear in theta
     for _ in range(0 if only_theta else MAX_ITERATIONS):
         x, before = physical.most_likely(physical.total(parts), x, prior), _cost(linear)
-        linear = at(x)
+        linear = model(x)
         parts = shown.in_blocks(linear, dt)
         converged = abs(before - _cost(linear)) < 0.01 * shown.overdispersion(parts, x, prior)
         if converged:
@@ -121,9 +119,9 @@ def identify(
     stated = np.asarray(physical.data_sheet(params.theta))
     found = shown.judge(parts, x, prior, stated[4:])
     swings = len(x) > OF_LEVER.start and shown.predicts_unseen(parts, found, OF_LEVER)
-    linear = at(found.x)
+    linear = first.moved(np.asarray(physical.physical(jnp.asarray(found.x)))) if only_theta else model(found.x)
     return _identified(params, quarter, linear, found, dt, mounting, gravity)._replace(
-        excess=float(np.sqrt(innovation_regression.excess(linear, problem))),
+        excess=float(np.sqrt(2 * _cost(linear) / np.isfinite(np.asarray(samples.wrench)).sum())),
         gain=(_cost(first) - _cost(linear)) / found.dispersion,
         converged=converged,
         swings=swings,
@@ -131,13 +129,18 @@ def identify(
     )
 
 
-@partial(jax.jit, static_argnames="options")
-def _smoothed(params: Params, samples: Sample, options: Options) -> Gaussian:
-    joints: Gaussian = smooth_joints(params, pipeline.init(params, samples), samples, options)
-    return joints
+@keep_program("options")
+def _smoothed(params: Params, samples: Sample, *, options: Options) -> Gaussian:
+    return smooth_joints(params, pipeline.init(params, samples), samples, options)
 
 
-@jax.jit
+@keep_program("options")
+def _linearised(z: Array, params: Params, joints: Gaussian, samples: Sample, *, options: Options) -> Linear:
+    problem, _ = likelihood.wrench_problem(params, samples, joints, options)
+    return innovation_regression.linearise(problem, lambda z: _readings(z, params, joints.mean, samples), z)
+
+
+@keep_program()
 def _readings(z: Array, params: Params, joints: Array, samples: Sample) -> Array:
     """(T, 6) N, Nm that the sensor should read; z (P,) as of ``_moved``, joints (T, n, 3)."""
     return stages.predict_readings(_moved(params, z), joints, samples)
@@ -245,11 +248,10 @@ def _moved(params: Params, z: Array) -> Params:
     return params._replace(arm=arm, gravity=rotation_from_vector(z[13:16]) @ params.gravity, theta=z[:10])
 
 
-@jax.jit
+@keep_program()
 def _slope_of_gravity(params: Params, z: Array) -> Array:
     """(3, P)."""
-    slope: Array = jax.jacfwd(lambda z: _moved(params, z).gravity)(z)
-    return slope
+    return jax.jacfwd(lambda z: _moved(params, z).gravity)(z)
 
 
 def _cost(linear: Linear) -> float:

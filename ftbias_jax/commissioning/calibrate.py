@@ -25,7 +25,7 @@ from ftbias_jax.filtering.params_for_log import rows_of
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.statements import value_words
-from ftbias_jax.model.effects.terms.parse import NAME as TERM
+from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent

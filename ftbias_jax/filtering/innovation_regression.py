@@ -5,8 +5,7 @@ model and its derivatives into white series alike (likelihood.whiten).
 """
 
 from collections.abc import Callable
-from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,9 +14,6 @@ from jaxtyping import Float
 
 from ftbias_jax.filtering.likelihood import WrenchProblem, whiten
 from ftbias_jax.types import Array
-
-Predict = Callable[..., Array]
-"""(P,) parameters, and whatever else is given -> (T, 6) wrench the sensor should read without bias and noise."""
 
 BLOCK_SECONDS = 4.0
 """Errors of the model hang together over a motion, not over a sample: standard errors take such blocks as units."""
@@ -55,25 +51,15 @@ class Linear(NamedTuple):
         return self._replace(at=to, residual=residual, bias=self.bias + move @ self.bias_slopes)
 
 
-def linearise(problem: WrenchProblem, predict: Predict, *given: Any) -> Callable[[np.ndarray], Linear]:
-    """A compiled function that linearises a model at given parameters.
+def linearise(problem: WrenchProblem, predict: Callable[[Array], Array], values: Float[Array, " P"]) -> Linear:
+    """Linearise a model at given parameters, and whiten it; part of a program.
 
     Args:
         problem: the bias filter of the log.
-        predict: the model, differentiable, (P,) -> (T, 6) N, Nm, sensor frame. The same function compiles once for all
-            logs of a length.
-        given: what it depends on beside the parameters, as arrays.
+        predict: the model, differentiable: (P,) parameters -> (T, 6) N, Nm, sensor frame, that the sensor should read
+            without bias and noise.
+        values: the parameters.
     """
-
-    def at(values: np.ndarray) -> Linear:
-        return Linear(values, *(np.asarray(x) for x in _linearised(predict, jnp.asarray(values), problem, given)))
-
-    return at
-
-
-@partial(jax.jit, static_argnames="predict")
-def _linearised(predict: Predict, values: Array, problem: WrenchProblem, given: tuple[Any, ...]) -> tuple[Array, ...]:
-    """What ``Linear`` has behind the parameters."""
     # What the filter predicts of a sample more is the bias; of a column that is 1 there alone, the variance.
     last = problem.variance[-1:]
     longer = problem._replace(
@@ -82,20 +68,15 @@ def _linearised(predict: Predict, values: Array, problem: WrenchProblem, given: 
         variance=jnp.concatenate([problem.variance, last]),
         jump=None if problem.jump is None else jnp.concatenate([problem.jump, jnp.zeros_like(last)]),
     )
-    slopes = jnp.moveaxis(jax.jacfwd(lambda x: predict(x, *given))(values), -1, 0)
-    error = (predict(values, *given) - problem.wrench)[None]
+    slopes = jnp.moveaxis(jax.jacfwd(predict)(values), -1, 0)
+    error = (predict(values) - problem.wrench)[None]
     series = jnp.concatenate([slopes, error, jnp.zeros_like(error)])
     after = jnp.zeros_like(series[:, :1]).at[-1].set(1.0)
     white = whiten(longer, jnp.concatenate([series, after], 1))
     columns, residual, std = white[:-2, :-1], white[-2, :-1], 1 / white[-1, -1]
     bias = -white[:-1, -1] * std[None]
     flat = columns.reshape(len(values), -1)
-    return columns, residual, flat @ flat.T, bias[-1], bias[:-1], std**2 - last[0]
-
-
-def excess(linear: Linear, problem: WrenchProblem) -> float:
-    """Mean square of the residual innovations; 1 if the model and the stated noise are right."""
-    return float((linear.residual**2).sum() / np.isfinite(np.asarray(problem.wrench)).sum())
+    return Linear(values, columns, residual, flat @ flat.T, bias[-1], bias[:-1], std**2 - last[0])
 
 
 def covariance(linear: Linear, dt: Float[Array, " T"], normal: np.ndarray) -> np.ndarray:

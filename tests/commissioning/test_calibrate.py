@@ -1,6 +1,7 @@
 """The road from a log to a setup: what is kept, what is refused, and the whole of it on a made log."""
 
 import tomllib
+from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -31,18 +32,20 @@ def of_mass(setup, mass):
 def faked(monkeypatch):
     """Calibrations whose diagnosis, identification and errors are made up.
 
-    Args of what it gives: errors by (effects, mass); what a diagnosis finds in a setup; the mass that is identified.
+    Args of what it gives: errors by (effects, mass); what a diagnosis finds in a setup; the mass that is identified;
+    what only all of the log shows beside the causes.
     """
 
-    def make(errors, causes=(), mass=1.0, trouble=None):
+    def make(errors, causes=(), mass=1.0, trouble=None, late=()):
         calls = []
 
         def judge(setup, logs, hold_out):
             return judged(errors(set(setup.effects), setup.tool.mass))
 
-        def diagnose(setup, logs, names, unchecked):
+        def diagnose(setup, logs, names, without=(), unchecked=False):
             calls.append(("diagnose", len(logs[0].t)))
-            found = [cause for cause in causes if cause.effect not in setup.effects]
+            shown = (*causes, *(late if len(logs[0].t) == len(LOG.t) else ()))
+            found = [cause for cause in shown if cause.effect not in {*setup.effects, *without}]
             return SimpleNamespace(causes=found, terms=(), sentence="nothing is left", verdict="none")
 
         def with_causes(setup, causes, terms=()):
@@ -61,7 +64,10 @@ def faked(monkeypatch):
         def baselines(setup, logs, hold_out):
             return {"constant bias": judged(5.0)._replace(inside=np.full((2, 4_000, 6), np.nan))}
 
-        for fake in (judge, diagnose, with_causes, identify_tool, baselines):
+        def compiled_ahead(setup, logs):
+            return nullcontext()
+
+        for fake in (judge, diagnose, with_causes, identify_tool, baselines, compiled_ahead):
             monkeypatch.setattr(module, fake.__name__, fake)
         return calls
 
@@ -69,7 +75,8 @@ def faked(monkeypatch):
 
 
 def test_what_predicts_better_is_kept_and_repeated_with_all_of_the_log(faked):
-    calls = faked(lambda effects, mass: 0.5 if effects else 1.0, [CAUSE], mass=2.0)
+    late = SimpleNamespace(effect="backlash", parameters={"width": 0.01})
+    calls = faked(lambda effects, mass: 0.5 if effects else 1.0, [CAUSE], mass=2.0, late=[late])
     found = calibrate(TRUE, [LOG], unchecked=True)
     assert [(step.kind, step.kept) for step in found.steps[:4]] == [
         ("tool, first", True),  # or a cause would stand for what a wrong tool does

@@ -25,22 +25,34 @@ def curved(values):
     return jnp.tensordot(jnp.stack([values[0], values[0] * values[1], values[1] ** 2]), jnp.asarray(WAVES), 1)
 
 
+def straight(values):
+    """A model that does not bend: (2,) -> (T, 6)."""
+    return jnp.tensordot(values, jnp.asarray(WAVES[:2]), 1)
+
+
 def test_a_model_is_linearised_where_it_stands():
     rng = np.random.default_rng(0)
     wrench = rng.normal(size=(COUNT, 6))
     wrench[100:200, 2] = np.nan
     problem, at = problem_of(wrench), np.array([0.7, -0.4])
-    linear = innovation_regression.linearise(problem, curved)(at)
+    linear = innovation_regression.linearise(problem, curved, jnp.asarray(at))
     for got, expected in zip(linear[:4], linear_at(problem, at)[:4], strict=True):
         np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9)
     assert (linear.residual[100:200, 2] == 0).all()
+
+
+def test_a_linear_model_is_moved_as_it_would_be_linearised_there():
+    problem, at, to = problem_of(noisy(1.0, 4)), np.array([0.7, -0.4]), np.array([0.2, 1.3])
+    linear, there = (innovation_regression.linearise(problem, straight, jnp.asarray(x)) for x in (at, to))
+    for got, expected in zip(linear.moved(to), there, strict=True):
+        np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_the_bias_after_the_last_sample_is_that_of_the_filter_and_moves_with_the_parameters():
     """The bias is constant: the mean of what is left, with the prior as one reading more."""
     at = np.array([0.7, -0.4])
     wrench = noisy(1.0, 4) - np.array([3.0, -2.0, 8.0, 0.1, 0.2, -0.3])
-    linear = innovation_regression.linearise(problem_of(wrench), curved)(at)
+    linear = innovation_regression.linearise(problem_of(wrench), curved, jnp.asarray(at))
     weight = STD**-2.0 / (COUNT * STD**-2.0 + 1e-2)
     error = np.asarray(curved(at)) - wrench
     np.testing.assert_allclose(linear.bias, weight * error.sum(0), rtol=1e-4)

@@ -21,6 +21,7 @@ from ftbias_jax.model.wrench.inertia import (
     parameters_from_log_cholesky,
 )
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
+from ftbias_jax.runtime.kept_programs import keep_program
 
 RADIUS = 0.05
 """m, size of the sphere a point mass is taken for: log-Cholesky coordinates need a body with volume."""
@@ -91,7 +92,7 @@ def most_likely(cost: Quadratic, x: np.ndarray, prior: Prior) -> np.ndarray:
     return x
 
 
-@jax.jit
+@keep_program()
 def physical(x: Float[Array, " P"]) -> Float[Array, " P"]:
     """(P,) log-Cholesky coordinates, then anything else -> the same with theta (10,) in front."""
     return jnp.concatenate([parameters_from_log_cholesky(x[:10]), x[10:]])
@@ -102,7 +103,7 @@ def slope_of_physical(x: np.ndarray) -> np.ndarray:
     return np.asarray(_physical_and_slope(jnp.asarray(x))[1])
 
 
-@jax.jit
+@keep_program()
 def _physical_and_slope(x: Array) -> tuple[Array, Array]:
     return physical(x), jax.jacfwd(physical)(x)
 
@@ -112,7 +113,7 @@ def coordinates(theta: Float[Array, " 10"]) -> np.ndarray:
     return np.asarray(_coordinates(theta))
 
 
-@jax.jit
+@keep_program()
 def _coordinates(theta: Array) -> Array:
     return log_cholesky_from_parameters(_with_volume(theta))
 
@@ -123,11 +124,10 @@ def data_sheet(theta: Float[Array, " 10"]) -> Float[Array, " 10"]:
     return jnp.concatenate([mass[None], center, inertia])
 
 
-@jax.jit
+@keep_program()
 def slope_of_data_sheet(x: Float[Array, " P"]) -> Float[Array, "10 P"]:
     """Derivative of ``data_sheet`` by coordinates (P,), whose first ten are those of the tool."""
-    slope: Array = jax.jacfwd(lambda x: data_sheet(physical(x)[:10]))(x)
-    return slope
+    return jax.jacfwd(lambda x: data_sheet(physical(x)[:10]))(x)
 
 
 def theta_of(sheet: np.ndarray) -> np.ndarray:
