@@ -99,14 +99,8 @@ def drift_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tupl
 def reverting_drift(dt: Array, strength: BiasStrength) -> tuple[Rows, Rows]:
     """One axis of the bias whose drift is an Ornstein-Uhlenbeck process: it reverts to zero and forecasts better.
 
-    With the rate 0 it is ``drift_noise``. With a time far below the log's length the bias becomes a random walk.
-
-    Args:
-        dt: () s.
-        strength: of the axis.
-
-    Returns:
-        A and Q (2 x 2) for the state (bias, drift).
+    With the rate 0 it is ``drift_noise``. With a time far below the log's length the bias becomes a random walk. A and
+    Q (2 x 2) are for the state (bias, drift) after dt () s.
     """
     density, rate = strength.density, strength.drift_rate
     dt, jumped = dt + jnp.zeros_like(density), 0 if strength.jump is None else strength.jump
@@ -124,14 +118,8 @@ def reverting_drift(dt: Array, strength: BiasStrength) -> tuple[Rows, Rows]:
 def correlated_bias(dt: Array, strength: BiasStrength) -> tuple[Rows, Rows]:
     """``reverting_drift``, and first-order Gauss-Markov noise on top of the bias.
 
-    The state is (bias + noise, drift, noise): its first entry is what is measured.
-
-    Args:
-        dt: () s.
-        strength: of the axis, with the rate and the variance of the noise.
-
-    Returns:
-        A and Q (3 x 3).
+    The state is (bias + noise, drift, noise): its first entry is what is measured. A and Q (3 x 3) for dt () s, by a
+    strength with the rate and the variance of the noise.
     """
     assert strength.noise_rate is not None
     assert strength.noise_variance is not None
@@ -206,12 +194,7 @@ def bias_drift_noise(
 def bias_noise(dt: Array, strength: BiasStrength | Array) -> tuple[Array, Array]:
     """``bias_drift_noise``, or for a BiasStrength the same with a drift that reverts and noise that is correlated.
 
-    Args:
-        dt: () s.
-        strength: arrays over the six axes.
-
-    Returns:
-        A and Q for the state (bias, drift), (12, 12), or (bias, drift, correlated noise), (18, 18).
+    A and Q after dt () s for the state (bias, drift), (12, 12), or (bias, drift, correlated noise), (18, 18).
     """
     if not isinstance(strength, BiasStrength):
         return bias_drift_noise(dt, strength)

@@ -32,10 +32,7 @@ def samples_from_log(log: Log, dtype: Any = None) -> Sample:
 def arrays_from_log(log: Log, dtype: Any = None, before: float | None = None) -> Sample:
     """The same as numpy arrays, which cost JAX nothing until a program takes them.
 
-    Args:
-        log: a whole log, or a part of one.
-        dtype: of the arrays.
-        before: s, stamp of the sample before the part.
+    Of a part of a log ``before`` is the stamp, s, of the sample before it.
     """
     dt = np.diff(np.asarray(log.t, np.float64), prepend=log.t[0] if before is None else before)
     dt = np.minimum(dt, LONG_PAUSE)  # by then the bias is as unknown as before the log; its variance must stay a number
@@ -51,11 +48,8 @@ def settled_at(t: Array, params: Params) -> float:
     """s, of the log's time, when the known effects have forgotten how they began; the first stamp if none remembers.
 
     A mass that swings, a tool on springs or a low-pass of the sensor is taken as settled at the first sample. If the
-    arm moves there, the readings are off by what is left of that, and a filter would take it for bias.
-
-    Args:
-        t: (T,) s, stamps of the whole log.
-        params: of the pipeline.
+    arm moves there, the readings are off by what is left of that, and a filter would take it for bias. The stamps
+    t (T,) s are those of the whole log.
     """
     if params.effects is None:
         return float(t[0])
@@ -64,13 +58,7 @@ def settled_at(t: Array, params: Params) -> float:
 
 
 def without_unsettled(samples: Sample, t: Array, params: Params) -> Sample:
-    """The samples of a whole log (effects need it whole) without the wrench before it has settled.
-
-    Args:
-        samples: numpy arrays over the log.
-        t: (T,) s, their stamps.
-        params: of the pipeline.
-    """
+    """The samples of a whole log (effects need it whole) at t (T,) s without the wrench before it has settled."""
     unsettled = np.asarray(t) < settled_at(t, params)
     return samples._replace(wrench=np.where(unsettled[:, None], np.nan, samples.wrench)) if unsettled.any() else samples
 

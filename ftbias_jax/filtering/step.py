@@ -27,18 +27,16 @@ from ftbias_jax.model.wrench.tool_wrench import (
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Gaussian, Sample
 
-JOINT_UNCERTAINTIES = ("none", "diagonal")
-
 
 class Options(NamedTuple):
     """Choices that change the program, not its numbers: static under jit."""
 
     joint_model: str = "integrated_jerk"
     """Key of process_models.JOINT_MODELS."""
-    joint_uncertainty: str = "diagonal"
-    """Whether the joint filter's covariance, pushed through D theta, is added to R at every sample: "none" (the report
-    to the letter: error bars are far too small while the arm accelerates), or "diagonal": the variance of each axis
-    without the correlation between them, so that the axes stay independent filters."""
+    uncertain_joints: bool = True
+    """Whether the joint filter's covariance, pushed through D theta, is added to R at every sample: the variance of
+    each axis without the correlation between them, so that the axes stay independent filters. False is the report to
+    the letter: error bars are far too small while the arm accelerates."""
     gate: float | None = None
     """A wrench with any axis this many standard deviations off its prediction is not used (bias_filter); None = all
     are."""
@@ -77,18 +75,6 @@ def options_from_setup(setup: Setup) -> Options:
     return Options(joint_model=setup.joints.model, gate=setup.bias.gate)
 
 
-def knows_joints(options: Options) -> bool:
-    """Whether the uncertainty of the joints is part of R.
-
-    Raises:
-        ValueError: there is no such choice.
-    """
-    if options.joint_uncertainty not in JOINT_UNCERTAINTIES:
-        choices = ", ".join(JOINT_UNCERTAINTIES)
-        raise ValueError(f"joint_uncertainty is {options.joint_uncertainty!r}: choose from {choices}")
-    return options.joint_uncertainty != "none"
-
-
 @jax.jit
 def init(params: Params, samples: Sample) -> State:
     """State before the first sample of a log; every joint starts at its first measured position."""
@@ -115,7 +101,7 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
     )
     motion, wrench_tool = predict_wrench(params, joint.mean)
     R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
-    if knows_joints(options):
+    if options.uncertain_joints:
         G = joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity)
         R = R + covariance_of_joints(G, joint.covariance)
     vibration = bias_filter.vibration(params.bias, speeds_of(params.arm, joint.mean[:, 1]))

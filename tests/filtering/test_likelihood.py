@@ -21,7 +21,7 @@ BURN_IN = 0.1  # s, about ten samples
 @pytest.mark.parametrize("burn_in", [0.0, BURN_IN])
 def test_it_is_that_of_the_joints_and_that_of_the_wrench(params, samples, burn_in):
     """Of the samples after the burn-in; each filter's is tested against the density of a whole log."""
-    options = Options(joint_uncertainty="none")
+    options = Options(uncertain_joints=False)
     got = log_likelihood_parts(params, samples, options, burn_in)
     infos = pipeline.scan_steps(params, pipeline.init(params, samples), samples, options, pipeline.keep_all)[1][1]
     counted = np.cumsum(samples.dt) >= burn_in

@@ -26,7 +26,7 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.setup import load_setup, parse_setup
 
 START = 100.0
-OPTIONS = [Options(), Options(joint_uncertainty="none"), Options(gate=40.0)]
+OPTIONS = [Options(), Options(uncertain_joints=False), Options(gate=40.0)]
 
 
 @pytest.fixture(scope="module")

@@ -112,14 +112,17 @@ def _loose(
     return gain, Hypothesis(effect.name, free, start, group=1 + int(sags))
 
 
-def freed(problem: Problem, found: Fit) -> Hypothesis | None:
-    """The last hypothesis of a fit, if it is a tool on springs that may move in fewer ways, with all ways free."""
+def _last(problem: Problem, found: Fit) -> tuple[Hypothesis, _Places | None]:
+    """The last hypothesis of a fit, and its coordinates if it is a tool on springs."""
     h = found.hypotheses[-1]
     effect = problem.catalogue[h.effect]
-    if not isinstance(effect.fit.search, Ringing):
-        return None
-    places = _places(problem, effect)
-    if set(places.ways) <= set(h.free):
+    return h, _places(problem, effect) if isinstance(effect.fit.search, Ringing) else None
+
+
+def freed(problem: Problem, found: Fit) -> Hypothesis | None:
+    """The last hypothesis of a fit, if it is a tool on springs that may move in fewer ways, with all ways free."""
+    h, places = _last(problem, found)
+    if places is None or set(places.ways) <= set(h.free):
         return None
     free = (places.period, places.damping, *places.ways, places.sagging)
     return h._replace(free=free, start=tuple(found.z[list(free)].tolist()), fixed=())
@@ -131,12 +134,8 @@ def sagging(problem: Problem, found: Fit) -> Hypothesis | None:
     Slow motion shows no more than how far the tool sags: stiff springs that are half balanced would say the same as
     softer ones.
     """
-    h = found.hypotheses[-1]
-    effect = problem.catalogue[h.effect]
-    if not isinstance(effect.fit.search, Ringing):
-        return None
-    place = _places(problem, effect).sagging
-    return _held(found, place, 1.0) if place in h.free else None
+    h, places = _last(problem, found)
+    return _held(found, places.sagging, 1.0) if places and places.sagging in h.free else None
 
 
 def _held(found: Fit, place: int, value: float) -> Hypothesis:
@@ -152,12 +151,10 @@ def is_plausible(problem: Problem, accepted: Fit, found: Fit) -> bool:
     What swings as slowly as it may is something else, and so is what must die away as fast as it may: with a usual
     damping it gains less. Where nothing rings the damping does not matter, and may be anything.
     """
-    h = found.hypotheses[-1]
-    effect = problem.catalogue[h.effect]
-    if not isinstance(effect.fit.search, Ringing):
+    _, places = _last(problem, found)
+    if places is None:
         return True
-    period, damping = _places(problem, effect)[:2]
-    most = problem.layout.most
+    (period, damping, *_), most = places, problem.layout.most
     if found.z[period] > NEAR_LIMIT * most[period]:
         return False
     if found.z[damping] < NEAR_LIMIT * most[damping]:

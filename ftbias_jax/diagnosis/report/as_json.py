@@ -16,10 +16,6 @@ SCHEMA = 2
 def save_json(diagnosis: Diagnosis, path: str | os.PathLike[str]) -> None:
     """Write all but the plots' series, for programs, whole or not at all; ``Diagnosis.to_json`` is this.
 
-    Args:
-        diagnosis: what to write.
-        path: the file.
-
     Raises:
         OutputError: the file cannot be written there.
     """
@@ -57,10 +53,7 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def load_found(path: str) -> tuple[tuple[Candidate, ...], tuple[FoundTerm, ...], dict[str, Any]]:
-    """Causes and terms of a saved diagnosis, and all of its content.
-
-    Args:
-        path: of the JSON file.
+    """Causes and terms of a saved diagnosis, a JSON file, and all of its content.
 
     Raises:
         LogError: it cannot be read, or is no diagnosis.

@@ -33,10 +33,7 @@ HOW_TO_READ = (
 def save_html(diagnosis: Diagnosis, path: str | os.PathLike[str], title: str = "") -> None:
     """Write a report with plots, one file, whole or not at all; ``Diagnosis.to_html`` is this.
 
-    Args:
-        diagnosis: what to show.
-        path: the file.
-        title: of the report; "" = the names of logs and setup.
+    Its title "" stands for the names of logs and setup.
 
     Raises:
         OutputError: the file cannot be written there.

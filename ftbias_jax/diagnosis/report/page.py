@@ -26,13 +26,9 @@ PRINTED = {r" \+- ": " ± ", r"(?<=[a-z])\^2\b(?!\.)": "²", r"(?<=[a-z])\^3\b":
 
 
 def whole_page(title: str, body: str, runs: str = "", style: str = "") -> str:
-    """One HTML file that needs nothing else: no network, no fonts, and no script but its own.
+    """One HTML file that needs nothing else: no network, no fonts, and no script but its own, which ``runs``.
 
-    Args:
-        title: any text.
-        body: HTML of the header and the sections.
-        runs: the script; "" = none.
-        style: CSS after that of all pages.
+    The title is any text, the body HTML of the header and the sections, the style CSS after that of all pages.
     """
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'

@@ -31,13 +31,7 @@ def headline(
 ) -> str:
     """What was found, the error before and after it in N or Nm, and what to do; errors are held-out rms.
 
-    Args:
-        verdict: one of ``result.VERDICTS``.
-        gap: without and with what was found.
-        causes: named effects.
-        terms: what is described without a name.
-        candidates: the whole ranking, where twins of the causes have their own statements.
-        where: the gap is, for what nobody can name.
+    Twins of the causes have their own statements among all candidates. Of what nobody can name is told where it is.
     """
     if verdict == "none":
         return f"The log agrees with the setup: {_error(gap)}. Nothing to do."
@@ -151,12 +145,7 @@ def _capital(text: str) -> str:
 
 
 def note(setup: Setup, rest: str = "") -> str:
-    """What a reader must know beside the headline, in further sentences; "" = nothing.
-
-    Args:
-        setup: of the diagnosis.
-        rest: what a log cannot show that does not turn the sensor (``at_rest.rest_in_words``).
-    """
+    """What a reader must know beside the headline, in further sentences, the last one ``at_rest.rest_in_words``."""
     told = []
     if setup.sensor.correlated_std is not None and setup.sensor.correlated_std.any():
         told.append("The setup's correlated noise is not used here: errors are judged against white noise and drift.")

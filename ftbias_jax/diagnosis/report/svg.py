@@ -45,15 +45,9 @@ def escape(text: object) -> str:
 
 
 def drawing(name: str, height: float, title: str, description: str, parts: Iterable[str], /, **data: object) -> str:
-    """A whole drawing with what a screen reader says about it.
+    """A whole drawing of SVG elements, already escaped, with plain text that a screen reader says about it.
 
-    Args:
-        name: unique in the page; letters, digits and hyphens.
-        height: drawing units.
-        title: plain text.
-        description: plain text.
-        parts: SVG elements, already escaped.
-        data: attributes ``data-...`` of the drawing, for the page's script.
+    The name, unique in the page, has letters, digits and hyphens; data are attributes for the page's script.
     """
     further = "".join(f' data-{key}="{escape(value)}"' for key, value in data.items())
     return (

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis.samples.bins import sum_of_bins
 from ftbias_jax.diagnosis.thresholds import FAR_SQUARES, LEAST_REST
 
 BLOCK_SECONDS = 20.0
@@ -73,12 +74,7 @@ def _held_out_gains(design: np.ndarray, squares: np.ndarray, block: np.ndarray) 
         constant = fit_variance(design[~test, :1], squares[~test])
         seen = np.minimum(squares[test], FAR_SQUARES * growing)
         gain[test] = (seen / constant - seen / growing - np.log(growing / constant)) / 2
-    return _sum_of_blocks(block, gain)
-
-
-def _sum_of_blocks(block: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(N, m) -> (blocks, m)."""
-    return np.stack([np.bincount(block, column) for column in x.T], 1)
+    return sum_of_bins(block, gain)
 
 
 def fit_variance(design: np.ndarray, squares: np.ndarray, rounds: int = ROUNDS) -> np.ndarray:
@@ -143,6 +139,6 @@ def standard_errors(
         relative = columns / variance[:, [channel]]
         own = [*range(channel * d, channel * d + d), *shared]
         information[np.ix_(own, own)] += relative.T @ relative
-        scores[:, own] += _sum_of_blocks(block, columns * score[:, [channel]])
+        scores[:, own] += sum_of_bins(block, columns * score[:, [channel]])
     errors = np.linalg.norm(scores @ np.linalg.pinv(information, rcond=1e-9, hermitian=True), axis=0)
     return errors[: d * k].reshape(k, d).T / scale, float(errors[d * k :].sum())

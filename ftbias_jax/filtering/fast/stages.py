@@ -18,7 +18,7 @@ from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, States, Track, filter_scan
 from ftbias_jax.filtering.process_models import JOINT_MODELS, Gated, ProcessModel, bias_model
 from ftbias_jax.filtering.samples import pad
-from ftbias_jax.filtering.step import Options, State, knows_joints, predict_wrench
+from ftbias_jax.filtering.step import Options, State, predict_wrench
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody, speeds_of
@@ -147,7 +147,7 @@ def predict_wrenches(
         joints = Smoothed(jnp.swapaxes(joints.mean, 1, 2), jnp.moveaxis(joints.covariance, 1, -1))
     R = measurement_covariance(params.theta, params.bias.data_variance, params.bias.wrench_variance)
     stated = jnp.diagonal(R)
-    wrench_tool, from_joints = _wrenches_of_joints(params, joints, not knows_joints(options))
+    wrench_tool, from_joints = _wrenches_of_joints(params, joints, not options.uncertain_joints)
     if isinstance(joints, States):
         joints = joints.stacked()
     motion = bias_filter.vibration(params.bias, speeds_of(params.arm, joints.mean[:, 1]))

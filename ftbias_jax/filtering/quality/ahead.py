@@ -31,10 +31,6 @@ def forecast(result: FilterResult, seconds: float) -> Forecast:
 
     A reading tells the sum of bias and slow error to within white noise, but hardly what of it is which: their errors
     are opposite and equally large. So what is not known of the bias matters as far as the slow error is forgotten.
-
-    Args:
-        result: of a filter.
-        seconds: how far ahead, 0 or more.
     """
     noise = result.params.bias
     times = (noise.drift_time, noise.correlated_time)

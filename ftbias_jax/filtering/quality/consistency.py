@@ -59,12 +59,7 @@ def chi_square_quantile(probability: float, dof: float) -> float:
 
 
 def check(innovation: Array, nis_of_axes: Array) -> Consistency:
-    """Consistency of a filtered log.
-
-    Args:
-        innovation: (T, 6) N, Nm; NaN = not measured.
-        nis_of_axes: (T, 6) innovation squared over its variance.
-    """
+    """Consistency of a filtered log: innovations (T, 6) N, Nm, NaN = not measured, and their squares over variances."""
     measured = np.isfinite(innovation)
     squares = np.where(measured, nis_of_axes, np.nan)
     white = np.sign(innovation) * np.sqrt(nis_of_axes)

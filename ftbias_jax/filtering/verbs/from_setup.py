@@ -142,17 +142,11 @@ def filter_with_setup(
     warn: Callable[[str], None] = lambda line: None,
     write: Callable[[Iterator[Filtered], Callable[[], About]], None] | None = None,
 ) -> FilterResult:
-    """One log, the road of ``filter_log`` and of ``ftbias filter``; other arguments and errors as ``filter_log``.
+    """One log, the road of ``filter_log`` and of ``ftbias filter``, by a setup with all effects; errors as there.
 
-    Args:
-        setup: with all effects.
-        log: in memory, or opened and read in parts.
-        smooth: add the bias given past and future.
-        unchecked: do not look first whether the setup can be right.
-        progress: called with the number of samples done so far.
-        warn: called with each mistake of the setup, before anything is computed.
-        write: takes the parts of the result as they come, and what belongs to them once the last one has come. The
-            arrays of the result are then those of the last part; None = of all.
+    Before anything is computed ``warn`` is called with each mistake of the setup. If there is ``write``, it takes the
+    parts of the result as they come, and what belongs to them once the last one has come; the arrays of the result are
+    then those of the last part.
     """
     if isinstance(log, OpenLog):
         parts, length, first_q, source, salvaged = log.parts, log.length, log.facts.first_q, log.source, log.salvaged
