@@ -71,11 +71,7 @@ def _parallel(state: State, P: Array, sign: float) -> Iterator[Alternative]:
     half_turn = np.trace(P) == -1
     rank = 5 + 0.3 * (P[2, 2] != 1) + 0.2 * (not half_turn) + (sign < 0)
     yield _mount(state, P, rank, sign)
-    mounted = turned_mount(state, P)
-    rpy = rpy_from_rotation(state.case.setup.sensor.rotation @ P)
-    words, values = _of_sign(state, sign)
-    words = f"the sensor is turned on the flange: set sensor.rotation_rpy = {_plain(rpy)}{words}"
-    values |= {"sensor.rotation_rpy": _list(rpy)}
+    mounted, (words, values) = turned_mount(state, P), _turned(state, P, sign)
     yield Alternative("sensor_axes", words, mounted.but(wrench=sign * mounted.wrench), rank + 0.05, setup=values)
 
 
@@ -105,22 +101,22 @@ def _overlap(state: State, axes: slice) -> tuple[Array, float]:
 
 def _mount(state: State, P: Array, rank: float, sign: float = 1.0) -> Alternative:
     """The sensor is mounted otherwise, with the tool as it was meant along the stated axes: R v_reading = v_stated."""
-    setup = state.case.setup
-    rpy, center = rpy_from_rotation(setup.sensor.rotation @ P), P.T @ setup.tool.center_of_mass
-    more, values = _of_sign(state, sign)
-    values |= {"sensor.rotation_rpy": _list(rpy), "tool.center_of_mass": _list(center)}
-    words = f"the sensor is turned on the flange: set sensor.rotation_rpy = {_plain(rpy)}{more}"
+    words, values = _turned(state, P, sign)
+    center = P.T @ state.case.setup.tool.center_of_mass
+    values |= {"tool.center_of_mass": _list(center)}
     remedy = f"{words}, and tool.center_of_mass = {_plain(center)} if it was meant along the axes as stated"
     wrench = sign * np.concatenate([state.wrench[:, :3] @ P.T, state.wrench[:, 3:] @ P.T], 1)
     return Alternative("sensor_axes", remedy, state.but(wrench=wrench), rank, setup=values)
 
 
-def _of_sign(state: State, sign: float) -> tuple[str, dict[str, Any]]:
-    """Words and keys of the report's sign, where it is the opposite one."""
+def _turned(state: State, P: Array, sign: float) -> tuple[str, dict[str, Any]]:
+    """Words and keys of a sensor that is turned on the flange, and may report the opposite sign."""
+    sensor = state.case.setup.sensor
+    rpy, other = rpy_from_rotation(sensor.rotation @ P), OTHER_REPORT[sensor.reports]
+    words = f"the sensor is turned on the flange: set sensor.rotation_rpy = {_plain(rpy)}"
     if sign > 0:
-        return "", {}
-    other = OTHER_REPORT[state.case.setup.sensor.reports]
-    return f', sensor.reports = "{other}"', {"sensor.reports": other}
+        return words, {"sensor.rotation_rpy": _list(rpy)}
+    return f'{words}, sensor.reports = "{other}"', {"sensor.reports": other, "sensor.rotation_rpy": _list(rpy)}
 
 
 def _list(values: Array) -> list[float]:

@@ -151,8 +151,7 @@ def _check_listing(found: Iterable[str], path: str, url: str) -> None:
     for name in found:
         if not is_below(name, path):
             remedy = "give the URLs of the logs themselves"
-            message = f"its listing names {shown(name)!r}, which is not in it"
-            raise LogError(message, file=shown(url), remedy=remedy)
+            raise LogError(f"its listing names {shown(name)!r}, which is not in it", file=shown(url), remedy=remedy)
 
 
 def forget() -> None:
@@ -275,5 +274,4 @@ def _is_chain(name: str) -> bool:
 def check_planned(output: str, log: str) -> None:
     """Refuse a result that would be written outside of the folder of results."""
     if os.path.isabs(output) or ".." in output.split(os.sep):
-        remedy = "give the logs one by one"
-        raise LogError(f"its result would be written to {output!r}", file=log, remedy=remedy)
+        raise LogError(f"its result would be written to {output!r}", file=log, remedy="give the logs one by one")

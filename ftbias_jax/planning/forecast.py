@@ -89,8 +89,7 @@ def forecast(
     cannot = [one for a, at in zip(asked, places, strict=True) for one in undetermined(both[np.ix_(at, at)], a)]
 
     def stds(told: np.ndarray) -> np.ndarray:
-        parts = [stds_of(told[np.ix_(at, at)], a) for a, at in zip(asked, places, strict=True)]
-        return np.concatenate(parts)
+        return np.concatenate([stds_of(told[np.ix_(at, at)], a) for a, at in zip(asked, places, strict=True)])
 
     separates = {}
     if len(asked) == 2:

@@ -111,8 +111,6 @@ def joseph(P: Rows, gain: Vector, j: int, r: Array, weight: Array) -> Rows:
     rest = jnp.where(weight > 0, r * weight, 1)
 
     def entry(a: int, b: int) -> Array:
-        if j in (a, b):
-            return rest * P[a][b]
-        return P[a][b] - gain[a] * P[j][b]
+        return rest * P[a][b] if j in (a, b) else P[a][b] - gain[a] * P[j][b]
 
     return symmetric(len(P), entry)

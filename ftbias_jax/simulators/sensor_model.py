@@ -4,6 +4,7 @@ Pure functions of NumPy or of JAX arrays, whichever they are given. The first ax
 effects are those of the catalogue, for which it counts samples.
 """
 
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import jax
@@ -46,13 +47,6 @@ class Draws(NamedTuple):
     """(N, 3) uniform from 0 to 1: a spike, a lost sample, and whether it repeats the last one."""
     spike: Array | None = None
     """(N, 6) uniform from 0 to 1: its signs."""
-
-
-class Moment(NamedTuple):
-    """All that the sensor's own effects see of ``Signals``."""
-
-    t: Array
-    """(N,) s since the start."""
 
 
 class SensorState(NamedTuple):
@@ -231,7 +225,7 @@ class SensorModel(NamedTuple):
 
     def _with_bias_effects(self, wrench: Array, t: Array, warmer: Array) -> Array:
         """(N, 6) without the biases of effects at t (N,) s and so much (N,) K warmer than at the start."""
-        at: Any = Moment(t)
+        at: Any = SimpleNamespace(t=t)  # all that these effects see of ``Signals``
         if "warmup" in self.values:
             wrench = warmup(self.values["warmup"], at, wrench)
         if "temperature_drift" in self.values:

@@ -85,8 +85,7 @@ def renamed(keys: Keys, theirs: Sequence[str], recorded: Sequence[str], robot: s
     names = [found[0] for found in ending if len(found) == 1]
     if len(names) < len(theirs):
         remedy = f"name another robot; the joints of {robot} are {', '.join(theirs)}"
-        message = f"the recording has the joints {', '.join(recorded[:20])}"
-        raise UsageError(message, field="--robot", remedy=remedy)
+        raise UsageError(f"the recording has the joints {', '.join(recorded[:20])}", field="--robot", remedy=remedy)
     return keys | {"robot.joint_names": Known(names, "as recorded")}
 
 

@@ -98,8 +98,7 @@ def look(path: str) -> Table:
         wanted = {"t": "time", "q": moved, "dq": "accelerometer"}
         return {array: found[name].names if name in found else () for array, name in wanted.items()}
 
-    values = COLUMNS[suffix](path, choose)
-    return _of_columns(path, header, found, values)
+    return _of_columns(path, header, found, COLUMNS[suffix](path, choose))
 
 
 def likeliest(candidates: Sequence[Match]) -> Match | None:

@@ -6,6 +6,7 @@ import struct
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from ftbias_jax.errors import LogError
 from ftbias_jax.io.ros.definition import HEADER, PRIMITIVES, SEQUENCE, TEXTS, Field, Types, parse, smallest
 from ftbias_jax.io.ros.messages import Cursor, MessageError, Reading
 from ftbias_jax.io.ros.raw import Definition
@@ -53,14 +54,6 @@ class Plan(NamedTuple):
     paths: tuple[Path, ...]
 
 
-class PathError(Exception):
-    """A path that the type does not have: the message says what is wrong, the remedy what there is."""
-
-    def __init__(self, message: str, remedy: str) -> None:
-        super().__init__(message)
-        self.message, self.remedy = message, remedy
-
-
 def parse_paths(text: str) -> tuple[Path, ...]:
     """Paths separated by commas; "" = the message itself."""
     return tuple(tuple(_part(word.strip()) for word in path.split(".") if path.strip()) for path in text.split(","))
@@ -69,7 +62,7 @@ def parse_paths(text: str) -> tuple[Path, ...]:
 def _part(word: str) -> tuple[str, slice]:
     found = _PART.fullmatch(word)
     if found is None or "[]" in word:
-        raise PathError(f"{word[:40]!r} is no field", "write names with dots between them: state.tau[0:6]")
+        raise LogError(f"{word[:40]!r} is no field", remedy="write names with dots between them: state.tau[0:6]")
     _, first, colon, last = found.groups()
     if first is None and last is None:
         return found[1], slice(None)
@@ -78,7 +71,11 @@ def _part(word: str) -> tuple[str, slice]:
 
 
 def make_plan(types: Types, root: str, text: str) -> Plan:
-    """How to take fields."""
+    """How to take fields.
+
+    Raises:
+        MessageError: the types make no sense. LogError: they have no such path; it names no file.
+    """
     least = smallest(types, root)
     paths = parse_paths(text)
     for path in paths:
@@ -86,12 +83,12 @@ def make_plan(types: Types, root: str, text: str) -> Plan:
         for name, chosen in path:
             fields = {field.name: field for field in types.get(kind, ())}
             if name not in fields:
-                raise PathError(f"{kind} has no field {name!r}", nearest(name, fields))
+                raise LogError(f"{kind} has no field {name!r}", remedy=nearest(name, fields))
             if fields[name].length is None and chosen != slice(None):
-                raise PathError(f"{name!r} of {kind} is no list", "leave the brackets out")
+                raise LogError(f"{name!r} of {kind} is no list", remedy="leave the brackets out")
             kind = fields[name].type
         if kind in TEXTS:
-            raise PathError(f"{path[-1][0]!r} is text", "name a field of numbers")
+            raise LogError(f"{path[-1][0]!r} is text", remedy="name a field of numbers")
     # A type may have any number of fields that take no room, which nobody shall walk through.
     kept = {
         name: tuple(x for x in types[name] if x.length == SEQUENCE or (x.length != 0 and least.get(x.type) != 0))

@@ -17,7 +17,7 @@ from ftbias_jax.files import temporary_folder
 from ftbias_jax.io.budget import SMALL_RECORDING, Budget, need
 from ftbias_jax.io.ros import sqlite_bag
 from ftbias_jax.io.ros.containers import McapFile, Ros1Bag
-from ftbias_jax.io.ros.fields import PathError, Plan, make_plan, take, types_of
+from ftbias_jax.io.ros.fields import Plan, make_plan, take, types_of
 from ftbias_jax.io.ros.messages import (
     IMU,
     JOINTS,
@@ -150,8 +150,8 @@ class Collector:
             try:
                 types = types_of(*key[:3])
                 self._plans[key] = None if types is None else make_plan(types, message.message_type, fields)
-            except (PathError, MessageError) as error:
-                if stated and isinstance(error, PathError):
+            except (LogError, MessageError) as error:
+                if stated and isinstance(error, LogError):
                     raise LogError(error.message, field=stated, remedy=error.remedy) from error
                 if stated:
                     raise
