@@ -76,11 +76,7 @@ class Identified(NamedTuple):
 
 
 def identify(
-    params: Params,
-    samples: Sample,
-    options: Options = DEFAULT_OPTIONS,
-    mounting: bool = False,
-    gravity: bool = False,
+    params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, mounting: bool = False, gravity: bool = False
 ) -> Identified:
     """Fit theta to the wrench's likelihood, physically consistent; what the log does not determine stays.
 

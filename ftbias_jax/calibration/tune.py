@@ -181,10 +181,7 @@ def _fitted(
 
 
 def fit_common(
-    parts: Sequence[tuple[Params, WrenchLogs]],
-    index: dict[str, np.ndarray],
-    logs: np.ndarray,
-    search: Search,
+    parts: Sequence[tuple[Params, WrenchLogs]], index: dict[str, np.ndarray], logs: np.ndarray, search: Search
 ) -> newton.Optimum:
     """The likeliest noise of the wrench where its numbers reach all axes: one lane has them all.
 

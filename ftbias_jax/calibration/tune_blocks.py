@@ -55,11 +55,7 @@ def is_correlated(logs: Sequence[LogInBlocks]) -> bool:
 
 
 def tune_in_blocks(
-    params: Params,
-    logs: Sequence[LogInBlocks],
-    tie: str,
-    wanted: Sequence[str],
-    report: Report = newton.quiet,
+    params: Params, logs: Sequence[LogInBlocks], tie: str, wanted: Sequence[str], report: Report = newton.quiet
 ) -> tuple[Params, dict[str, Fit]]:
     """Correlated noise, level of the white noise, and the drift given both.
 

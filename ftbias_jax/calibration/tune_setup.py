@@ -24,14 +24,7 @@ from ftbias_jax.calibration.tune import Fit, tune_joints, tune_wrench
 from ftbias_jax.calibration.tune_blocks import LogInBlocks, held_out_blocks, is_correlated, look_at_each, tune_in_blocks
 from ftbias_jax.calibration.tune_levels import near_the_level
 from ftbias_jax.calibration.tune_motion import shown_vibration, tune_motion
-from ftbias_jax.calibration.tune_result import (
-    TuneResult,
-    comments_of,
-    is_better,
-    reasons_against,
-    with_fit,
-    with_noise,
-)
+from ftbias_jax.calibration.tune_result import TuneResult, comments_of, is_better, reasons_against, with_fit, with_noise
 from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import params_for_log
@@ -182,14 +175,7 @@ def tune(
     if hold_out and wanted and alone:
         predicted = judge_predictions(setup, [own[0] for own in setups], logs, hold_out)
     plain, *moving = [
-        TuneResult(
-            own[0],
-            found,
-            judged,
-            tuple(own[1:]),
-            errors,
-            reasons_against(judged, errors, shown),
-        )
+        TuneResult(own[0], found, judged, tuple(own[1:]), errors, reasons_against(judged, errors, shown))
         for (_, found), own, judged, errors in zip(candidates, setups, scores, predicted, strict=True)
     ]
     return next((result for result in moving if is_better(result, plain)), plain)

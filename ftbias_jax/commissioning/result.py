@@ -12,6 +12,7 @@ from ftbias_jax.commissioning.judged import CONSTANT, HEAD, HELD_TARE, Judged, t
 from ftbias_jax.diagnosis.report.page import html_table, section, typeset, whole_page
 from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.result import Diagnosis
+from ftbias_jax.io.atomic import plain
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.setup.dump import dump_setup
 from ftbias_jax.setup.save import write_text
@@ -114,7 +115,7 @@ class Calibrated:
             rows = {"ours": ours.rms, "given": self.rows[GIVEN].rms, "coverage": ours.coverage}
             held = {"held_tare": HELD_TARE, "constant": CONSTANT}
             rows |= {key: self.rows[name].rms for key, name in held.items() if name in self.rows}
-            return {key: [float(x) if np.isfinite(x) else None for x in row[i]] for key, row in rows.items()}
+            return {key: plain(row[i]) for key, row in rows.items()}
 
         return {
             "kept": list(dict.fromkeys(part for step in self.kept for part in step.parts)),

@@ -17,15 +17,7 @@ import numpy as np
 from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.newton import FROM_ONE_START, Search
 from ftbias_jax.calibration.noise.score import WrenchLogs, smoothed_wrenches
-from ftbias_jax.calibration.noise.values import (
-    KINDS,
-    LANES,
-    power,
-    starting_values,
-    tied,
-    total_variance,
-    with_noise,
-)
+from ftbias_jax.calibration.noise.values import KINDS, LANES, power, starting_values, tied, total_variance, with_noise
 from ftbias_jax.calibration.noise.words import DeterminedSums, combination_errors, sentences
 from ftbias_jax.calibration.tune import Fit, as_fit, fit_common, stack, with_values
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options

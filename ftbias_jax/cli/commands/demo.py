@@ -24,11 +24,7 @@ if TYPE_CHECKING:
 SETUP = {
     "robot": {"model": "panda"},
     "sensor": {"translation": [0.0, 0.0, 0.04], "noise_std": [0.1, 0.1, 0.1, 0.004, 0.004, 0.004]},
-    "tool": {
-        "mass": 0.9,
-        "center_of_mass": [0.01, -0.005, 0.06],
-        "inertia": [2.5e-3, 0.0, 0.0, 2.2e-3, 0.0, 1.1e-3],
-    },
+    "tool": {"mass": 0.9, "center_of_mass": [0.01, -0.005, 0.06], "inertia": [2.5e-3, 0.0, 0.0, 2.2e-3, 0.0, 1.1e-3]},
     "bias": {"noise_density": [2e-3, 1e-4], "initial_std": [5.0, 0.5], "initial_drift_std": [0.02, 1e-3]},
     "joints": {"position_noise_std": 2e-5, "velocity_noise_std": 1e-3},
 }
