@@ -38,6 +38,8 @@ QUIETER = 3.0
 """Factor by which the unseen accelerations of a pose log are tried smaller, or larger."""
 LOUDEST = 3.0
 """m/s^2: no arm accelerates as much for long."""
+NEGLIGIBLE = 1e-4
+"""Of errors: noise that makes them smaller by less is not tried smaller, or larger, still."""
 ROUNDS = 2
 """Of diagnosis and identification; in recorded and simulated logs nothing changed after the second."""
 
@@ -223,7 +225,7 @@ def _with_noise(state: _State, road: _Road) -> _State:
             step = Step(NOISE, f"unseen accelerations of {std:g} m/s^2", True, "", ("noise",))
             pose = replace(pose, acceleration_std=std)
             tried = _tried(state, road, step, replace(state.setup, pose=pose))
-            if tried.setup.pose is not pose or compare(tried.judged, best.judged).share >= 0:
+            if tried.setup.pose is not pose or compare(tried.judged, best.judged).share > -NEGLIGIBLE:
                 break
             best = tried
         if best is not state:
