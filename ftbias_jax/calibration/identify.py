@@ -216,8 +216,7 @@ def _quarter_turn(params: Params, joints: Gaussian, samples: Sample) -> np.ndarr
     """The axis rotation from which to search the mounting (``likely_rotation``)."""
     t, std = np.cumsum(np.asarray(samples.dt)), np.sqrt(np.asarray(params.bias.wrench_variance))
     columns = np.asarray(_columns_of_weight(params, joints.mean, samples))
-    quarter: np.ndarray = likely_rotation(columns, np.asarray(samples.wrench), t, std)
-    return quarter
+    return likely_rotation(columns, np.asarray(samples.wrench), t, std)
 
 
 @jax.jit

@@ -244,8 +244,7 @@ def _evaluate(
 
 def _values_and_slopes(score: LaneScore, points: Array, part: Any) -> tuple[Array, Array]:
     """Of (M, K, N) points: nats (M,) and their derivatives (M, K, N); what is compiled cannot be sent to workers."""
-    found: tuple[Array, Array] = _compiled(score, points, part)
-    return found
+    return _compiled(score, points, part)
 
 
 @partial(jax.jit, static_argnames="score")
@@ -253,8 +252,7 @@ def _compiled(score: LaneScore, points: Array, part: Any) -> tuple[Array, Array]
     one = jax.value_and_grad(lambda x: score(x, part).sum())
     if len(points) <= GRADIENTS_AT_ONCE:
         return jax.vmap(one)(points)
-    found: tuple[Array, Array] = jax.lax.map(one, points, batch_size=GRADIENTS_AT_ONCE)
-    return found
+    return jax.lax.map(one, points, batch_size=GRADIENTS_AT_ONCE)
 
 
 def _ascent(slope: np.ndarray, information: np.ndarray) -> tuple[np.ndarray, float]:

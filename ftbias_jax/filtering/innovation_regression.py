@@ -5,7 +5,7 @@ model and its derivatives into white series alike (likelihood.whiten).
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
@@ -44,7 +44,7 @@ class Linear(NamedTuple):
     bias_variance: np.ndarray
     """(6,) N^2, Nm^2, for noise of the stated size."""
 
-    def moved(self, to: np.ndarray) -> "Linear":
+    def moved(self, to: np.ndarray) -> Self:
         """At other parameters (P,), of a model that is linear in them."""
         move = to - self.at
         residual = self.residual + np.tensordot(move, self.columns, 1)

@@ -222,8 +222,7 @@ def _quality(value: Any) -> dict[str, Any]:
     for name, item in value.items():
         if item is not None:
             _quantity(name, item)
-    found: dict[str, Any] = value
-    return found
+    return value
 
 
 def _quantity(name: str, value: Any) -> None:
@@ -241,8 +240,7 @@ def _choices(value: Any) -> dict[str, Any]:
     for choice in value.values():
         for item in choice if isinstance(choice, list) else [choice]:
             _need(item is None or isinstance(item, bool | str) or math.isfinite(_number(item)))
-    found: dict[str, Any] = value
-    return found
+    return value
 
 
 _SETTINGS: dict[str, Callable[[Any], Any]] = {**dict.fromkeys(Settings._fields, _text), "choices": _choices}

@@ -35,8 +35,7 @@ def labels(name: str, lanes: np.ndarray) -> list[str]:
 def combination_errors(information: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """(...) standard errors of combinations (..., P) of the logarithms; what is open counts with an error of 1."""
     strength, directions = np.linalg.eigh(information)
-    error: np.ndarray = np.sqrt(((weights @ directions) ** 2 / np.maximum(strength, UNDETERMINED**-2)).sum(-1))
-    return error
+    return np.sqrt(((weights @ directions) ** 2 / np.maximum(strength, UNDETERMINED**-2)).sum(-1))
 
 
 def open_directions(information: np.ndarray, names: Sequence[str]) -> list[str]:

@@ -57,8 +57,7 @@ class Shown(NamedTuple):
 def block_of(t: np.ndarray) -> np.ndarray:
     """Number of the block of each sample, FEWEST_BLOCKS to MOST_BLOCKS of equal length; t (T,) s begins at 0."""
     count = int(np.clip(t[-1] / BLOCK_SECONDS, FEWEST_BLOCKS, MOST_BLOCKS))
-    block: np.ndarray = np.minimum(t / t[-1] * count, count - 1).astype(int)
-    return block
+    return np.minimum(t / t[-1] * count, count - 1).astype(int)
 
 
 def in_blocks(linear: Linear, dt: np.ndarray) -> list[Quadratic]:
