@@ -18,7 +18,7 @@ from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import rotation_from_vector
 from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.kept_programs import keep_program
-from ftbias_jax.setup.rotations import vector_from_rotation
+from ftbias_jax.setup import rotations
 from ftbias_jax.types import Array, Gaussian, Sample
 
 MAX_ITERATIONS = 10
@@ -170,9 +170,10 @@ def _identified(
     remarks = tuple(_remark(name, found, open_) for name in NAMES)
     kept = np.array([remark in (KEPT, NO_BETTER) for remark in remarks])
     values, stderr = np.where(kept, stated, values), np.where(kept, np.nan, stderr)
-    down = np.asarray(_slope_of_gravity(params, jnp.asarray(linear.at)))[:, 13:16]
+    down, slope_of_down = (np.asarray(x) for x in _gravity_and_slope(params, jnp.asarray(linear.at)))
     rotation_stderr = np.sqrt(np.diag(covariance)[10:13])
-    gravity_stderr = np.sqrt(np.diag(down @ covariance[13:16, 13:16] @ down.T))
+    to_down = slope_of_down[:, 13:16]
+    gravity_stderr = np.sqrt(np.diag(to_down @ covariance[13:16, 13:16] @ to_down.T))
     unexcited = [name for name, remark in zip(NAMES, remarks, strict=True) if remark in (KEPT, PULLED)]
     if mounting:
         unexcited += [
@@ -181,16 +182,16 @@ def _identified(
     if gravity:
         wide = GRAVITY_STD / 2 * np.linalg.norm(params.gravity)
         unexcited += [f"gravity along {x}" for x, e in zip("xyz", gravity_stderr, strict=True) if e > wide]
-    turned = quarter @ np.asarray(rotation_from_vector(jnp.asarray(linear.at[10:13])))
+    turned = quarter @ rotations.rotation_from_vector(linear.at[10:13])
     to_bias = linear.bias_slopes.T @ slope
     elapsed = dt.sum()
     return Identified(
         theta=physical.theta_of(values),
         values=values,
         stderr=stderr,
-        rotation=vector_from_rotation(turned),
+        rotation=rotations.vector_from_rotation(turned),
         rotation_stderr=rotation_stderr,
-        gravity=np.asarray(_moved(params, jnp.asarray(linear.at)).gravity),
+        gravity=down,
         gravity_stderr=gravity_stderr,
         lever=linear.at[OF_LEVER],
         lever_stderr=np.sqrt(np.diag(covariance)[OF_LEVER]),
@@ -244,9 +245,13 @@ def _moved(params: Params, z: Array) -> Params:
 
 
 @keep_program()
-def _slope_of_gravity(params: Params, z: Array) -> Array:
-    """(3, P)."""
-    return jax.jacfwd(lambda z: _moved(params, z).gravity)(z)
+def _gravity_and_slope(params: Params, z: Array) -> tuple[Array, Array]:
+    """(3,) m/s^2 and (3, P)."""
+
+    def gravity(z: Array) -> Array:
+        return _moved(params, z).gravity
+
+    return gravity(z), jax.jacfwd(gravity)(z)
 
 
 def _cost(linear: Linear) -> float:

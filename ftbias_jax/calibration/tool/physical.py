@@ -118,6 +118,7 @@ def _coordinates(theta: Array) -> Array:
     return log_cholesky_from_parameters(_with_volume(theta))
 
 
+@keep_program()
 def data_sheet(theta: Float[Array, " 10"]) -> Float[Array, " 10"]:
     """(10,) as NAMES: mass, centre of mass, inertia about it."""
     mass, center, inertia = about_center_of_mass(theta)
