@@ -9,10 +9,10 @@ from made_diagnoses import candidate
 from small_archive import SETUP, manifest, write_log
 from small_checks import right_log
 
+from ftbias_jax.calibration import identify
 from ftbias_jax.cli.commands.tune import usable
 from ftbias_jax.cli.main import main
 from ftbias_jax.diagnosis import diagnose as diagnosing
-from ftbias_jax.filtering import innovation_regression
 from ftbias_jax.setup import dump_setup, load_setup, parse_setup
 
 
@@ -129,9 +129,9 @@ def test_identify_writes_a_setup_of_each_log(logs):
 def test_logs_of_similar_length_are_identified_by_one_program(logs):
     write_log(logs / "day" / "a.npz", 0, samples=290)
     run("identify", "logs/b.npz")
-    programs = innovation_regression._linearised._cache_size()
+    programs = len(identify._linearised._ready)
     run("identify", "logs/day/a.npz")
-    assert innovation_regression._linearised._cache_size() == programs > 0
+    assert len(identify._linearised._ready) == programs > 0
 
 
 def test_many_logs_need_a_folder_for_what_is_identified(logs, capsys):
