@@ -14,29 +14,31 @@ from ftbias_jax.cli.commands import demo
 from ftbias_jax.model import simulate
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate import Trajectory
-from ftbias_jax.model.trajectories import excitation_sines
+from ftbias_jax.model.trajectories import excitation_sines, working_range
 from ftbias_jax.setup import parse_setup
 from ftbias_jax.types import Sample
 
 jax.config.update("jax_enable_x64", True)
 
 SETUP = parse_setup(demo.SETUP)
+CENTER, EXCURSION = working_range(SETUP)
+"""(n,) rad: the middle of motions, and how far they go from there."""
 PARAMS = params_from_setup(SETUP)
 TOP_SPEED = 1.5  # rad/s
 
 
 def sines(seed, t):
     """Every joint swings all the time; the fastest of its sines has 0.2 Hz."""
-    return excitation_sines(jax.random.key(seed), t, jnp.array(demo.CENTER), jnp.array(demo.EXCURSION))
+    return excitation_sines(jax.random.key(seed), t, jnp.array(CENTER), jnp.array(EXCURSION))
 
 
 def moves(seed, t):
     """Minimum-jerk moves from pose to pose with short stops, as robots are programmed."""
     rng, stamps = np.random.default_rng(seed), np.asarray(t)
-    here, start = np.array(demo.CENTER), 0.0
+    here, start = CENTER, 0.0
     q, dq, ddq = (np.zeros((len(stamps), len(here))) for _ in range(3))
     while start <= stamps[-1]:
-        there = demo.CENTER + rng.uniform(-1, 1, len(here)) * demo.EXCURSION
+        there = CENTER + rng.uniform(-1, 1, len(here)) * EXCURSION
         duration = 1.875 * np.abs(there - here).max() / TOP_SPEED
         rows = stamps >= start
         s = np.clip((stamps[rows] - start) / duration, 0, 1)[:, None]

@@ -10,9 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 sys.path.append(str(Path(__file__).parents[1]))
-from common import PARAMS, SETUP, keep, rounded, simulate_logs, sines
+from common import CENTER, PARAMS, SETUP, keep, rounded, simulate_logs, sines
 
-from ftbias_jax.cli.commands import demo
 from ftbias_jax.filtering import params_for_log, pipeline, smoother
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import filter_scan
@@ -95,7 +94,7 @@ def white_jerk(t):
         state[..., 2] -= dt * state @ [0.02, 0.15, 0.6]
         states.append(state)
     q, dq, ddq = jnp.moveaxis(jnp.asarray(np.stack(states, 1)), -1, 0)
-    return Trajectory(jnp.broadcast_to(t, q.shape[:2]), q + jnp.array(demo.CENTER), dq, ddq)
+    return Trajectory(jnp.broadcast_to(t, q.shape[:2]), q + CENTER, dq, ddq)
 
 
 def judge(nees, nis):

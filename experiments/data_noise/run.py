@@ -10,12 +10,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 sys.path.append(str(Path(__file__).parents[1]))
-from common import PARAMS, keep, rounded
+from common import CENTER, PARAMS, keep, rounded
 
 from ftbias_jax.calibration import tune
 from ftbias_jax.calibration.noise.fit import Tool, tune_data
 from ftbias_jax.calibration.noise.values import JOINT_NAMES, KINDS, WRENCH_NAMES, with_noise
-from ftbias_jax.cli.commands import demo
 from ftbias_jax.filtering import process_models
 from ftbias_jax.model import simulate
 from ftbias_jax.model.wrench.tool_wrench import measurement_covariance, tool_parameters
@@ -50,7 +49,7 @@ def white_jerk(rng):
     for i in range(1, SAMPLES):
         states[i] = states[i - 1] @ A.T + shocks[i]
         states[i, :, 2] -= dt * states[i] @ [0.02, 0.15, 0.6]
-    return states + np.array(demo.CENTER)[:, None] * np.array([1, 0, 0])
+    return states + CENTER[:, None] * np.array([1, 0, 0])
 
 
 def make_log(params, seed):

@@ -19,12 +19,13 @@ import numpy as np
 
 from ftbias_jax.check.motion import arm_motion, data_matrices
 from ftbias_jax.check.regression import stated_tool
-from ftbias_jax.cli.commands.demo import CENTER, EXCURSION, SETUP
+from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.fleet.alarms import alarms_of
 from ftbias_jax.fleet.entry import Entry
 from ftbias_jax.fleet.history import read_fleet
 from ftbias_jax.fleet.manifest import Manifest, read_manifests
 from ftbias_jax.fleet.table import save_table
+from ftbias_jax.model.trajectories import working_range
 from ftbias_jax.setup import dump_setup, parse_setup
 
 SAMPLES, RATE = 1500, 100.0
@@ -57,8 +58,9 @@ def make_log(setup, bias, start, seed, samples=SAMPLES, rate=RATE):
     rng = np.random.default_rng(seed)
     t = np.arange(samples) / rate
     omega, phase = 2 * np.pi * rng.uniform(0.05, 0.2, (2, 7)), rng.uniform(0, 2 * np.pi, (2, 7))
-    angle, half = omega * t[:, None, None] + phase, 0.5 * np.array(EXCURSION)
-    q = np.array(CENTER) + (half * np.sin(angle)).sum(1)
+    center, excursion = working_range(setup)
+    angle, half = omega * t[:, None, None] + phase, 0.5 * excursion
+    q = center + (half * np.sin(angle)).sum(1)
     dq, ddq = (half * omega * np.cos(angle)).sum(1), (-half * omega**2 * np.sin(angle)).sum(1)
     tool = stated_tool(setup.tool).theta
     wrench = data_matrices(arm_motion(setup.robot, setup.sensor, q, dq, ddq), setup.robot.gravity) @ tool

@@ -10,13 +10,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 sys.path.append(str(Path(__file__).parents[1]))
-from common import PARAMS, keep, rounded
+from common import CENTER, PARAMS, keep, rounded
 
 from ftbias_jax.calibration import tune
 from ftbias_jax.calibration.noise.score import WrenchLogs
 from ftbias_jax.calibration.noise.values import JOINT_NAMES, WRENCH_NAMES
 from ftbias_jax.calibration.tune import stack
-from ftbias_jax.cli.commands import demo
 from ftbias_jax.filtering import pipeline, process_models
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import filter_scan
@@ -43,7 +42,7 @@ def white_jerk(rng):
     for i in range(1, SAMPLES):
         states[i] = states[i - 1] @ A.T + shocks[i]
         states[i, :, 2] -= dt * states[i] @ [0.02, 0.15, 0.6]
-    return states + np.array(demo.CENTER)[:, None] * np.array([1, 0, 0])
+    return states + CENTER[:, None] * np.array([1, 0, 0])
 
 
 def make_log(seed=0):
