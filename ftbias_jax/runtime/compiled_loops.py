@@ -18,6 +18,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.custom_derivatives import SymbolicZero
 from jax.experimental.xla_metadata import set_xla_metadata
+from jax.extend.core import jaxpr_as_fun
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -122,7 +123,14 @@ def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
             kept, structure = jax.tree.flatten(pull)
             return found, kept
 
-        found, kept = _differentiated_once(log_by_log(one_log))(*(x.value for x in leaves))
+        values = [x.value for x in leaves]
+        # Traced here alone: another trace may keep other values, and the loop and the reverse pass count on these.
+        traced, shapes = jax.make_jaxpr(one_log, return_shape=True)(*values)
+
+        def as_traced(*values: Array) -> tuple[Any, list[Array]]:
+            return jax.tree.unflatten(jax.tree.structure(shapes), jaxpr_as_fun(traced)(*values))
+
+        found, kept = _differentiated_once(log_by_log(as_traced))(*values)
         return found, (kept, jax.tree.unflatten(tree, [() if a else None for a in asked]))
 
     def backward(residual: Any, bar: Any) -> Any:

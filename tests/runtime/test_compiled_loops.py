@@ -145,3 +145,17 @@ def test_slopes_pass_through_the_pieces():
         return over_pieces(work, 0.0, jnp.ones(ROOM), PIECE + 1)[0]
 
     assert jax.grad(total)(2.0) == 2 * PIECE
+
+
+def test_a_forward_pass_is_traced_once_whatever_another_trace_would_keep():
+    """As where JAX has traced parts of it before."""
+    traces = []
+
+    def square(x):
+        traces.append(x)
+        return x * x if len(traces) % 2 else jnp.exp(2 * jnp.log(x))
+
+    x = jnp.arange(1.0, 5.0)
+    values, slopes = jax.vmap(jax.value_and_grad(log_by_log_with_slopes(square)))(x)
+    np.testing.assert_allclose(values, x**2, rtol=1e-12)
+    np.testing.assert_allclose(slopes, 2 * x, rtol=1e-12)

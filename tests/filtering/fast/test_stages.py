@@ -119,7 +119,6 @@ def test_and_its_slopes(params, samples, in_chunks):
 @pytest.mark.parametrize("part", [pytest.param("as stated", marks=pytest.mark.slow), ALL])
 def test_many_logs_are_each_log(params, samples, part):
     """Under vmap a processor takes one log at a time; XLA once ended the process at its gradients."""
-    jax.clear_caches()  # once in a full run, after other traces, two traces of a log kept different numbers of values
     logs = [samples, samples._replace(wrench=2 * samples.wrench), samples._replace(q=samples.q + 0.1)]
     many = jax.tree.map(lambda *x: jnp.stack(x), *logs)
     slopes = partial(jax.value_and_grad(partial(score, outputs_of)), with_part(params, part))
