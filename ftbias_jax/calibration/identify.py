@@ -100,7 +100,7 @@ def identify(
     x = prior.mean
 
     def model(x: np.ndarray) -> Linear:
-        z = np.asarray(physical.physical(jnp.asarray(x)))
+        z = physical.parameters_at(x)
         return jax.tree.map(np.asarray, _linearised(z, params, joints, samples, options=options))
 
     first = model(x)
@@ -115,7 +115,7 @@ def identify(
     stated = np.asarray(physical.data_sheet(params.theta))
     found = shown.judge(parts, x, prior, stated[4:])
     swings = len(x) > OF_LEVER.start and shown.predicts_unseen(parts, found, OF_LEVER)
-    linear = first.moved(np.asarray(physical.physical(jnp.asarray(found.x)))) if only_theta else model(found.x)
+    linear = first.moved(physical.parameters_at(found.x)) if only_theta else model(found.x)
     return _identified(params, quarter, linear, found, dt, mounting, gravity)._replace(
         excess=float(np.sqrt(2 * _cost(linear) / np.isfinite(np.asarray(samples.wrench)).sum())),
         gain=(_cost(first) - _cost(linear)) / found.dispersion,

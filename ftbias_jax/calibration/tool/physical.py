@@ -70,7 +70,7 @@ def most_likely(cost: Quadratic, x: np.ndarray, prior: Prior) -> np.ndarray:
     """Minimum of a quadratic cost and a prior over physically consistent tools, by Levenberg-Marquardt."""
 
     def penalised(x: np.ndarray) -> float:
-        return cost(np.asarray(physical(jnp.asarray(x)))) + float((((x - prior.mean) / prior.std) ** 2).sum() / 2)
+        return cost(parameters_at(x)) + float((((x - prior.mean) / prior.std) ** 2).sum() / 2)
 
     x = np.where(prior.std <= FIXED, prior.mean, x)
     current, damping, weight = penalised(x), 1e-3, prior.std**-2.0
@@ -96,6 +96,11 @@ def most_likely(cost: Quadratic, x: np.ndarray, prior: Prior) -> np.ndarray:
 def physical(x: Float[Array, " P"]) -> Float[Array, " P"]:
     """(P,) log-Cholesky coordinates, then anything else -> the same with theta (10,) in front."""
     return jnp.concatenate([parameters_from_log_cholesky(x[:10]), x[10:]])
+
+
+def parameters_at(x: np.ndarray) -> np.ndarray:
+    """(P,) ``physical`` of coordinates (P,), as a NumPy array."""
+    return np.asarray(physical(jnp.asarray(x)))
 
 
 def slope_of_physical(x: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from ftbias_jax.calibration.tool.physical import (
     coordinates,
     data_sheet,
     most_likely,
-    physical,
+    parameters_at,
     slope_of_physical,
     theta_of,
     tool_units,
@@ -80,7 +80,7 @@ def judge(parts: list[Quadratic], x: np.ndarray, prior: Prior, inertia: np.ndarr
     dispersion = overdispersion(parts, x, prior)
     tempered = cost.scaled(1 / dispersion)
     x = most_likely(tempered, x, prior)
-    units = tool_units(_at(x)[0])
+    units = tool_units(parameters_at(x)[0])
     kept, poor = (undetermined(tempered.information, units, alone=alone) for alone in (True, False))
     prior = fixed(prior, [COORDINATE[name] for name in kept if name in COORDINATE])
     free = most_likely(tempered, x, prior)
@@ -88,7 +88,7 @@ def judge(parts: list[Quadratic], x: np.ndarray, prior: Prior, inertia: np.ndarr
     gains = []
     for part, rest in _left_out(parts, dispersion):
         without = part(_with_inertia(inertia, _keeping(inertia, rest, stated, prior)[0]))
-        gains.append((without - part(_at(most_likely(rest, free, prior)))) / dispersion)
+        gains.append((without - part(parameters_at(most_likely(rest, free, prior)))) / dispersion)
     gain = _with_error(gains)
     if _is_sure(*gain):
         return Shown(free, prior, dispersion, kept, poor, True, gain)
@@ -99,7 +99,7 @@ def predicts_unseen(parts: list[Quadratic], found: Shown, rows: slice) -> bool:
     """Whether coordinates that are fitted predict blocks of a log that are left out better than at their prior mean."""
     held, gains = fixed(found.prior, range(*rows.indices(len(found.x)))), []
     for part, rest in _left_out(parts, found.dispersion):
-        without, free = (part(_at(most_likely(rest, found.x, prior))) for prior in (held, found.prior))
+        without, free = (part(parameters_at(most_likely(rest, found.x, prior))) for prior in (held, found.prior))
         gains.append((without - free) / found.dispersion)
     return _is_sure(*_with_error(gains))
 
@@ -127,7 +127,7 @@ def overdispersion(parts: list[Quadratic], x: np.ndarray, prior: Prior) -> float
     slope = slope_of_physical(x) * prior.std
     normal = slope.T @ total(parts).information @ slope
     strength, directions = np.linalg.eigh(normal)
-    move = _at(x) - parts[0].at
+    move = parameters_at(x) - parts[0].at
     scores = np.stack([part.pull + part.information @ move for part in parts]) @ slope @ directions
     known = strength > 1.0
     if not known.any():
@@ -179,10 +179,6 @@ def _keeping(inertia: np.ndarray, cost: Quadratic, x: np.ndarray, prior: Prior) 
 
 def _with_inertia(inertia: np.ndarray, x: np.ndarray) -> np.ndarray:
     """(P,) parameters at coordinates (P,) but for the inertia about the centre of mass, (6,) kg m^2."""
-    z = _at(x)
+    z = parameters_at(x)
     sheet = np.concatenate([np.asarray(data_sheet(jnp.asarray(z[:10])))[:4], inertia])
     return np.concatenate([theta_of(sheet), z[10:]])
-
-
-def _at(x: np.ndarray) -> np.ndarray:
-    return np.asarray(physical(jnp.asarray(x)))
