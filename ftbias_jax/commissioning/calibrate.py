@@ -21,7 +21,6 @@ from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead
 from ftbias_jax.diagnosis.result import Diagnosis
 from ftbias_jax.errors import FtbiasError, UsageError
-from ftbias_jax.filtering.params_for_log import rows_of
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.statements import value_words
@@ -112,7 +111,7 @@ def calibrate(
     whole = [clean(log) for log in logs]
     require_right(setup, whole, "calibrate", unchecked)
     names = names or [f"log {i}" for i in range(1, len(logs) + 1)]
-    begun = [log._replace(**rows_of(log, 0, max(1, round((1 - hold_out) * len(log.t))))) for log in logs]
+    begun = [_without_end(log, hold_out) for log in logs]
     road = _Road(whole, begun, names, hold_out, progress)
     start = with_loose_tool(setup)
     has_tool = setup.sensor.compensated == COMPENSATED[0]
@@ -152,6 +151,12 @@ def calibrate(
         final = replace(final, bias=found.setup.bias)
     repairs = tuple(log.repairs for log in whole)
     return Calibrated(final, state.steps, rows, state.found, repairs, time.monotonic() - begin)
+
+
+def _without_end(log: Log, hold_out: float) -> Log:
+    """A log whose sensor reads nothing in its last part: of the same length, so that both share their programs."""
+    seen = np.arange(len(log.t)) < max(1, round((1 - hold_out) * len(log.t)))
+    return log._replace(wrench=np.where(seen[:, None], log.wrench, np.nan))
 
 
 def _loosened(found: Setup, stated: Setup) -> Setup:

@@ -18,6 +18,7 @@ from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.runtime.kept_programs import compiled_for_few_calls
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES, Array
 
@@ -100,7 +101,7 @@ def judge(setup: Setup, logs: Sequence[Log], hold_out: float) -> Judged:
         logs: as ``read_log`` gives them.
         hold_out: share at the end of each that counts.
     """
-    return _joined([_of_end(filter_log(setup, log, unchecked=True), hold_out, _errors) for log in logs])
+    return _joined([_of_end(result, hold_out, _errors) for result in _filtered(setup, logs)])
 
 
 def baselines(setup: Setup, logs: Sequence[Log], hold_out: float) -> dict[str, Judged]:
@@ -111,7 +112,7 @@ def baselines(setup: Setup, logs: Sequence[Log], hold_out: float) -> dict[str, J
         logs: as for ``judge``.
         hold_out: as for ``judge``.
     """
-    results = [filter_log(setup, log, unchecked=True) for log in logs]
+    results = _filtered(setup, logs)
     ways: dict[str, Callable[[FilterResult], Array]] = {
         HELD_TARE: lambda result: result.t < result.t[np.argmax(_used(result))] + TARE,
         CONSTANT: lambda result: result.t < _begin(result, hold_out),
@@ -126,6 +127,11 @@ def baselines(setup: Setup, logs: Sequence[Log], hold_out: float) -> dict[str, J
         return _joined([_of_end(result, hold_out, errors) for result in results])
 
     return {name: held(rows) for name, rows in ways.items()}
+
+
+def _filtered(setup: Setup, logs: Sequence[Log]) -> list[FilterResult]:
+    with compiled_for_few_calls(sum(len(log.t) for log in logs)):
+        return [filter_log(setup, log, unchecked=True) for log in logs]
 
 
 def compare(new: Judged, old: Judged) -> Difference:

@@ -4,6 +4,7 @@ import os
 import stat
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from contextvars import copy_context
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -90,13 +91,13 @@ def in_float64(verb: Callable[P, R]) -> Callable[P, R]:
 
 
 def same_precision(function: Callable[P, R]) -> Callable[P, R]:
-    """The same function for other threads, which would not know of a precision that holds in this one."""
-    wide = is_wide()
+    """The same function for other threads, which would not know of a precision or a context that holds in this one."""
+    wide, context = is_wide(), copy_context()
 
     @wraps(function)
     def run(*arguments: P.args, **named: P.kwargs) -> R:
         with _precision(wide):
-            return function(*arguments, **named)
+            return context.copy().run(function, *arguments, **named)
 
     return run
 

@@ -33,6 +33,8 @@ from ftbias_jax.runtime.jax_config import is_plain, is_wide
 FEW_CALLS, MANY_CALLS = 0, 1
 """Level at which LLVM optimises. Programs of level 0 are compiled in less than half of the time, and run four times as
 long; those of level 1 run as long as those of higher levels."""
+SHORT = 1 << 15
+"""Samples for which compiling a fast program takes longer than what it saves in a few calls."""
 OLDER_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
 """They make equally fast programs of some hundred small kernels in two thirds of the time."""
 LAPACK = b"lapack_"
@@ -133,9 +135,12 @@ def _tried(kept: Callable[..., Any], compiled: Callable[[], Callable[..., Any]])
 
 
 @contextmanager
-def compiled_for_few_calls() -> Iterator[None]:
-    """What is compiled in the block, by this thread, need not be fast: waiting for it takes longer than calling it."""
-    before = _level.set(FEW_CALLS)
+def compiled_for_few_calls(samples: int = 0) -> Iterator[None]:
+    """What is compiled in the block, and in threads that it starts, need not be fast: waiting for it takes longer.
+
+    Where it works on SHORT ``samples`` or fewer; more than these take longer than what compiling saves.
+    """
+    before = _level.set(FEW_CALLS if samples <= SHORT else _level.get())
     try:
         yield
     finally:

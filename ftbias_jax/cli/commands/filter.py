@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,9 +30,6 @@ from ftbias_jax.setup.save import write_text
 
 if TYPE_CHECKING:
     from ftbias_jax.filtering.verbs.results import FilterResult
-
-SHORT = 1 << 15
-"""Samples of a log, filtered alone, for which compiling a fast program takes longer than what it saves."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -64,8 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.runtime.kept_programs import compiled_for_few_calls
 
     setup = setup.with_effects(load_all(tuple(arguments.own_effects)))
-    short = log.length <= SHORT
-    with Stages(f"filtering {path}") as stages, compiled_for_few_calls() if short else nullcontext():
+    with Stages(f"filtering {path}") as stages, compiled_for_few_calls(log.length):
         stages("joints, noise and bias")
         result = filter_file(
             log,

@@ -23,6 +23,7 @@ from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.runtime.jax_config import is_wide
+from ftbias_jax.runtime.kept_programs import compiled_for_few_calls
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -125,6 +126,7 @@ def result_of(log: Log, states: States, infos: Infos, contacts: Sequence[Contact
 
 def filtered_with(setup: Setup, log: Log) -> tuple[Filtered, Params]:
     """A log filtered as ``ftbias filter`` does it, and the parameters that the filter took."""
-    ready = ready_to_filter(setup, slices(log), len(log.t), first_position(log.q))
-    (filtered,) = ready.results
+    with compiled_for_few_calls(len(log.t)):
+        ready = ready_to_filter(setup, slices(log), len(log.t), first_position(log.q))
+        (filtered,) = ready.results
     return filtered, ready.params
