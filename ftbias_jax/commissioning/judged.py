@@ -44,7 +44,7 @@ class Judged(NamedTuple):
     inside: Array
     """(H, T, 6) 1 where the reading is in the 95 % interval predicted so long before, 0 where not, NaN = not used."""
     used: Array
-    """(T,) whether the filter took the sample."""
+    """(T,) 1 where the filter took the sample, 0 where not, NaN = the setup's effects say that it is worth nothing."""
     stretch: Array
     """(T,) number of the stretch of a log."""
 
@@ -101,7 +101,8 @@ def judge(setup: Setup, logs: Sequence[Log], hold_out: float) -> Judged:
         logs: as ``read_log`` gives them.
         hold_out: share at the end of each that counts.
     """
-    return _joined([_of_end(result, hold_out, _errors) for result in _filtered(setup, logs)])
+    results = _filtered(setup, logs)
+    return _joined([_of_end(*both, hold_out, _errors) for both in zip(results, logs, strict=True)])
 
 
 def baselines(setup: Setup, logs: Sequence[Log], hold_out: float) -> dict[str, Judged]:
@@ -113,18 +114,18 @@ def baselines(setup: Setup, logs: Sequence[Log], hold_out: float) -> dict[str, J
         hold_out: as for ``judge``.
     """
     results = _filtered(setup, logs)
-    ways: dict[str, Callable[[FilterResult], Array]] = {
-        HELD_TARE: lambda result: result.t < result.t[np.argmax(_used(result))] + TARE,
-        CONSTANT: lambda result: result.t < _begin(result, hold_out),
+    ways: dict[str, Callable[[FilterResult, float], Array]] = {
+        HELD_TARE: lambda result, begin: result.t < result.t[np.argmax(_used(result))] + TARE,
+        CONSTANT: lambda result, begin: result.t < begin,
     }
 
-    def held(rows: Callable[[FilterResult], Array]) -> Judged:
-        def errors(result: FilterResult) -> tuple[Array, Array]:
-            of_axis = errors_of_constant_bias(result, rows(result))
+    def held(rows: Callable[[FilterResult, float], Array]) -> Judged:
+        def errors(result: FilterResult, begin: float) -> tuple[Array, Array]:
+            of_axis = errors_of_constant_bias(result, rows(result, begin))
             errors = np.stack([of_axis] * len(HORIZONS))
             return errors, np.full(errors.shape, np.nan)
 
-        return _joined([_of_end(result, hold_out, errors) for result in results])
+        return _joined([_of_end(*both, hold_out, errors) for both in zip(results, logs, strict=True)])
 
     return {name: held(rows) for name, rows in ways.items()}
 
@@ -155,7 +156,7 @@ def compare(new: Judged, old: Judged) -> Difference:
     stderr = float(np.sqrt((len(numbers) - 1) * np.var([share(number) for number in numbers])))
     inside, before = (np.nanmean(x.inside) if np.isfinite(x.inside).any() else 1.0 for x in (new, old))
     misses = bool(inside < min(LEAST_INSIDE, before))
-    return Difference(share(-1), stderr, float(old.used.mean() - new.used.mean()), misses)
+    return Difference(share(-1), stderr, _mean((old.used - new.used)[:, None]).item(), misses)
 
 
 def table(rows: dict[str, Judged]) -> list[tuple[str, ...]]:
@@ -170,7 +171,7 @@ def table(rows: dict[str, Judged]) -> list[tuple[str, ...]]:
             f"{seconds:g} s",
             *(f"{x:.3g}" if np.isfinite(x) else "-" for x in judged.rms[i]),
             "" if not np.isfinite(judged.inside[i]).any() else f"{100 * np.nanmean(judged.inside[i]):.0f} %",
-            "" if i else f"{100 * judged.used.mean():.0f} %",
+            "" if i else f"{100 * np.nanmean(judged.used):.0f} %",
         )
         for i, seconds in enumerate(HORIZONS)
         for name, judged in rows.items()
@@ -221,7 +222,7 @@ def _lost(setup: Setup, given: Judged, logs: Sequence[Log]) -> Difference | Ftbi
     return difference if difference.is_worse else None
 
 
-def _errors(result: FilterResult) -> tuple[Array, Array]:
+def _errors(result: FilterResult, _: float) -> tuple[Array, Array]:
     """(H, T, 6) errors, and whether the readings are in their intervals."""
     found = [(prediction_errors(result, result.params.bias, ahead), _std_ahead(result, ahead)) for ahead in HORIZONS]
     errors, std = (np.stack(parts) for parts in zip(*found, strict=True))
@@ -238,22 +239,30 @@ def _std_ahead(result: FilterResult, seconds: float) -> Array:
     return np.sqrt(variance)
 
 
-def _of_end(result: FilterResult, hold_out: float, errors: Callable[[FilterResult], tuple[Array, Array]]) -> Judged:
-    begin = _begin(result, hold_out)
-    rows = result.t >= begin
-    share = (result.t[rows] - begin) / max(float(result.t[-1] - begin), 1e-9)
-    ahead, inside = errors(result)
-    return Judged(
-        ahead[:, rows], inside[:, rows], _used(result)[rows], np.minimum((STRETCHES * share).astype(int), STRETCHES - 1)
-    )
+def _of_end(
+    result: FilterResult, log: Log, hold_out: float, errors: Callable[[FilterResult, float], tuple[Array, Array]]
+) -> Judged:
+    """Errors at the end of a log, at all stamps of its wrench: the result leaves out what the setup says is useless.
+
+    The errors are a function of the result and of the time at which the end begins.
+    """
+    t = log.t[np.isfinite(log.wrench).any(1)] + log.start
+    begin = float(t[-1] - hold_out * (t[-1] - t[0]))
+    rows, places = t >= begin, np.searchsorted(t, result.t)
+
+    def at_stamps(values: Array) -> Array:
+        whole = np.full((*values.shape[:-2], len(t), values.shape[-1]), np.nan)
+        whole[..., places, :] = values
+        return whole[..., rows, :]
+
+    ahead, inside = map(at_stamps, errors(result, begin))
+    share = (t[rows] - begin) / max(float(t[-1] - begin), 1e-9)
+    stretch = np.minimum((STRETCHES * share).astype(int), STRETCHES - 1)
+    return Judged(ahead, inside, at_stamps(_used(result)[:, None])[:, 0], stretch)
 
 
 def _used(result: FilterResult) -> Array:
     return np.ones(len(result.t), bool) if result.used is None else np.asarray(result.used)
-
-
-def _begin(result: FilterResult, hold_out: float) -> float:
-    return float(result.t[-1] - hold_out * (result.t[-1] - result.t[0]))
 
 
 def _joined(parts: Sequence[Judged]) -> Judged:

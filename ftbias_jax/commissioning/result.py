@@ -122,7 +122,7 @@ class Calibrated:
             "refused": [{"what": step.name, "why": step.why} for step in self.steps if not step.kept],
             "forecast": {f"{seconds:g}": of_horizon(i) for i, seconds in enumerate(HORIZONS)},
             "axes": list(AXES),
-            "used": float(ours.used.mean()),
+            "used": float(np.nanmean(ours.used)),
             "verdict": self.diagnosis.verdict if self.diagnosis else None,
             "seconds": float(f"{self.seconds:.3g}"),
         }

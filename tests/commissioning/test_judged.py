@@ -1,11 +1,18 @@
 """Comparisons of predictions, on errors that are made up."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_judged import STRETCH, T, judged
 
 from ftbias_jax.calibration.judgement import HORIZONS
-from ftbias_jax.commissioning.judged import HEAD, compare, table
+from ftbias_jax.cli.commands import demo
+from ftbias_jax.commissioning.judged import HEAD, compare, judge, table
+from ftbias_jax.model.simulate_log import simulate
+from ftbias_jax.setup import parse_setup
+
+SETUP = parse_setup(demo.SETUP)
 
 
 def test_errors_that_are_smaller_by_more_than_chance_are_better():
@@ -68,3 +75,18 @@ def test_the_table_has_a_row_for_each_horizon_and_a_dash_for_what_is_not_known()
     np.testing.assert_allclose([float(x) for x in rows[0][2:8]], 2, rtol=0.1)
     assert set(rows[1][2:8]) == {"-"}
     assert rows[0][8:] == ("95 %", "100 %")
+
+
+def test_setups_that_leave_out_samples_are_compared_with_those_that_do_not():
+    """Repetitions are worth nothing to a setup that knows of them, and are no samples that it does without."""
+    log = simulate(SETUP, duration=4, rate=50, seed=3).log
+    wrench = log.wrench.copy()
+    wrench[150:190:2] = wrench[149:189:2]
+    log = log._replace(wrench=wrench)
+    known = replace(SETUP, effects={"dropped_samples": {"rate": 0.1, "repeated": 1.0}})
+    without, knowing = (judge(setup, [log], 0.5) for setup in (SETUP, known))
+    assert without.errors.shape == knowing.errors.shape == (len(HORIZONS), 100, 6)
+    assert np.isnan(knowing.used).sum() == 20
+    assert not np.isnan(without.used).any()
+    assert compare(knowing, without).fewer <= 0
+    assert np.isfinite(compare(knowing, without).share)
