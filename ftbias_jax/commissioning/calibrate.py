@@ -5,15 +5,16 @@ stays if the setup with it predicts the readings of the end better, 1 s and 10 s
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
 from ftbias_jax.check.check_setup import require_right
-from ftbias_jax.commissioning.drafted import with_loose_tool
+from ftbias_jax.commissioning.drafted import as_uncertain, loosened, with_loose_tool
 from ftbias_jax.commissioning.judged import Judged, baselines, compare, judge
 from ftbias_jax.commissioning.result import CALIBRATED, GIVEN, Calibrated, Step
 from ftbias_jax.diagnosis.apply import with_causes
@@ -29,6 +30,7 @@ from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.types import COMPENSATED, Setup, ToolSetup
+from ftbias_jax.types import Array
 
 CAUSES, TERMS, TOOL, CHANNELS, NOISE = "causes", "terms", "tool", "gains and crosstalk", "noise"
 FIRST = "tool, first"
@@ -64,6 +66,14 @@ class _State(NamedTuple):
     """The last one."""
     identified: ToolSetup | None = None
     """The tool of the first step with its standard errors, which causes may still move further."""
+    beside: Mapping[str, Array] = MappingProxyType({})
+    """Standard errors of the tool beside the causes that were kept, by keys of [tool]: what is identified with these
+    causes as they were found is as uncertain as they are."""
+
+    @property
+    def is_first(self) -> bool:
+        """Whether the tool is that of the first step, which nothing has moved."""
+        return self.identified is not None and self.setup.tool.mass == self.identified.mass
 
     @property
     def has_tool(self) -> bool:
@@ -134,8 +144,8 @@ def calibrate(
         state = _with_noise(state, road)
         if state.setup is before:
             break
-    if state.identified is not None and state.setup.tool.mass == state.identified.mass:  # nothing has moved it
-        state = state._replace(setup=replace(state.setup, tool=state.identified))
+    if state.identified is not None and state.is_first:
+        state = state._replace(setup=as_uncertain(replace(state.setup, tool=state.identified), state.beside))
     progress("comparing with a constant bias")
     rows = {GIVEN: first.judged} | ({CALIBRATED: state.judged} if state.setup is not start else {})
     rows |= baselines(state.setup, whole, hold_out)
@@ -159,16 +169,6 @@ def _without_end(log: Log, hold_out: float) -> Log:
     return log._replace(wrench=np.where(seen[:, None], log.wrench, np.nan))
 
 
-def _loosened(found: Setup, stated: Setup) -> Setup:
-    """A setup with the tool that was found, which causes beside it may still move as far as the stated one.
-
-    Where its sensor turns about is not believed yet: what turns and lags seems to turn at a distance, too.
-    """
-    loose = stated.tool
-    tool = replace(found.tool, mass_std=loose.mass_std, center_of_mass_std=loose.center_of_mass_std)
-    return replace(found, tool=tool, pose=stated.pose)
-
-
 def _with_causes(state: _State, road: _Road) -> _State:
     """With the causes that a diagnosis names, and then with the terms that it adds, if either predicts better."""
     road.progress("diagnosing")
@@ -186,6 +186,8 @@ def _with_causes(state: _State, road: _Road) -> _State:
         if parts:
             step = Step(kind, f"{kind[:-1]}: {', '.join(named)}", True, "", tuple(parts))
             state = _tried(state, road, step, with_causes(state.setup, found.causes, terms))
+            if state.steps[-1].kept:
+                state = state._replace(beside=found.tool_stderr)
     return state
 
 
@@ -204,10 +206,11 @@ def _with_tool(state: _State, road: _Road, kinds: Sequence[str]) -> _State:
             continue
         # A drafted tool is nobody's belief: what is identified replaces it unless it predicts worse.
         first = not crosstalk and not state.has_tool
-        mass, stderr = found.tool.values[0], found.tool.stderr[0]
-        words = f"{kind}: {value_words(mass, stderr)} kg" if np.isfinite(stderr) else kind
+        setup = as_uncertain(found.setup, state.beside)
+        mass, stderr = found.tool.values[0], setup.tool.mass_std if np.isfinite(found.tool.stderr[0]) else None
+        words = f"{kind}: {value_words(mass, stderr)} kg" if stderr else kind
         step = Step(kind, words, True, "", ("crosstalk" if crosstalk else "tool",))
-        tried = _loosened(found.setup, state.setup) if kind == FIRST else found.setup
+        tried = loosened(setup, state.setup) if kind == FIRST else setup
         state = _tried(state, road, step, tried, first)
         if kind == FIRST and state.setup is tried:
             state = state._replace(identified=found.setup.tool)
@@ -266,11 +269,12 @@ def _refused(state: _State, kind: str, name: str, why: str) -> _State:
 def _repeated(state: _State, start: Setup, logs: Sequence[Log], names: Sequence[str]) -> Setup | None:
     """The steps that were kept with all of the logs; None if these do not show the same causes."""
     setup, looked_for, kept = start, set[str](), [step for step in state.steps if step.kept]
+    beside: Mapping[str, Array] = {}
     try:
         for step, later in zip(kept, [*(step.kind for step in kept[1:]), ""], strict=True):
             if step.kind in (FIRST, TOOL, CHANNELS):
                 found = identify_tool(setup, _longest(logs), crosstalk=step.kind == CHANNELS, unchecked=True).setup
-                setup = _loosened(found, setup) if step.kind == FIRST else found
+                setup = loosened(found, setup) if step.kind == FIRST else as_uncertain(found, beside)
             elif step.kind == NOISE:
                 setup = replace(setup, pose=state.setup.pose)
             else:
@@ -279,10 +283,11 @@ def _repeated(state: _State, start: Setup, logs: Sequence[Log], names: Sequence[
                     others = {*catalogue_of_setup(setup), TERM} - looked_for
                     named = diagnose(setup, logs, names, others, unchecked=True)
                     setup, looked_for = with_causes(setup, named.causes, named.terms), set()
+                    beside = named.tool_stderr
     except FtbiasError:
         return None
-    if state.setup.tool is state.identified:
-        setup = replace(setup, tool=found.tool)
+    if state.is_first:
+        setup = as_uncertain(replace(setup, tool=found.tool), beside)
     return setup if {*setup.effects} == {*state.setup.effects} else None
 
 

@@ -1,6 +1,8 @@
 """A draft of a setup that a check of its own log has seen: what the controller did to the reading is stated in it."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +13,7 @@ from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.dump import Known
 from ftbias_jax.setup.require import has_no_tool, with_guessed_tool
 from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array
 
 LOOSE = (0.3, 0.03)
 """Share of the mass, and m: how far a tool may be off that is stated without its errors."""
@@ -53,3 +56,20 @@ def with_loose_tool(setup: Setup) -> Setup:
     mass_std = mass if tool.mass_std is None else tool.mass_std
     center_std = np.full(3, center) if tool.center_of_mass_std is None else tool.center_of_mass_std
     return replace(guessed, tool=replace(tool, mass_std=mass_std, center_of_mass_std=center_std))
+
+
+def loosened(found: Setup, stated: Setup) -> Setup:
+    """A setup with the tool that was found, which causes beside it may still move as far as the stated one.
+
+    Where its sensor turns about is not believed yet: what turns and lags seems to turn at a distance, too.
+    """
+    loose = stated.tool
+    tool = replace(found.tool, mass_std=loose.mass_std, center_of_mass_std=loose.center_of_mass_std)
+    return replace(found, tool=tool, pose=stated.pose)
+
+
+def as_uncertain(found: Setup, beside: Mapping[str, Array]) -> Setup:
+    """A setup whose tool has standard errors no smaller than those beside the causes that it has, by keys of [tool]."""
+    errors = {f"{key}_std": np.maximum(getattr(found.tool, f"{key}_std"), std) for key, std in beside.items()}
+    plain: dict[str, Any] = {key: std if std.ndim else float(std) for key, std in errors.items()}
+    return replace(found, tool=replace(found.tool, **plain))

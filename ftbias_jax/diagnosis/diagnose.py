@@ -26,7 +26,7 @@ from ftbias_jax.diagnosis.terms.noise import louder, noise_term
 from ftbias_jax.diagnosis.terms.select import state_of_problem
 from ftbias_jax.diagnosis.terms.spectra import fast_lines
 from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
-from ftbias_jax.diagnosis.tool_first import Searched, search_causes
+from ftbias_jax.diagnosis.tool_first import Searched, no_surer, search_causes, stderr_of_tool
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering.quality.at_rest import rest_in_words, weight_in_bias
 from ftbias_jax.io.cleaning import Facts, clean, slices, survey, without_long_pauses
@@ -139,6 +139,8 @@ def explain(
     answer, verdict, causes = _judged(answer, loud)
     if pushed := pushed and verdict not in ("explained", "described"):  # a push follows nothing
         answer, verdict, causes = _without_causes(answer)._replace(terms=()), "unknown", ()
+    of_tool = stderr_of_tool(setup, problem, answer.accepted)
+    causes = tuple(no_surer(problem, cause, of_tool) for cause in causes)
     causes, ranking = (
         tuple(with_nominal(problem, candidate) for candidate in some) for some in (causes, ranking_of(answer))
     )
@@ -161,6 +163,7 @@ def explain(
         own_effects=setup.own_effects,
         terms=answer.terms,
         correlations=correlations(problem, answer.accepted, causes),
+        tool_stderr=of_tool,
         note=note(setup, rest_in_words(setup, slices(*logs))),
         provenance=provenance(setup, list(map(source_of, logs)), {"without": sorted(without)}, names),
     )

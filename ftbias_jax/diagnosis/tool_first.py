@@ -1,6 +1,6 @@
 """A tool that may be wrong is fitted beside every cause, because its error looks like other causes."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -11,12 +11,16 @@ from ftbias_jax.diagnosis.evidence.gap import Judge
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_zero, movable, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit, fit
+from ftbias_jax.diagnosis.result import Candidate
 from ftbias_jax.diagnosis.search import Rounds, enough, gap_of, search, with_first_fits
 from ftbias_jax.diagnosis.thresholds import LEAST_GAIN, LEAST_SIGMAS, SURE
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.require import is_draft
 from ftbias_jax.setup.types import Setup
+
+CHANNELS = 3
+"""Of a force or a torque."""
 
 
 class Searched(NamedTuple):
@@ -60,6 +64,37 @@ def search_causes(
     margin = -LEAST_GAIN if in_its_place - {h.effect for h in beside.accepted.hypotheses} else LEAST_GAIN
     better = beside.start.hypotheses and closed and score(beside.accepted, plain.accepted) > margin
     return beside if better else plain
+
+
+def stderr_of_tool(setup: Setup, problem: Problem, accepted: Fit) -> dict[str, np.ndarray]:
+    """Standard errors of a drafted tool that is fitted beside all that was found, by keys of [tool]; {} = no draft.
+
+    Gains that are all the same scale the tool, and nothing but a known weight tells them from it: where some were found
+    that differ, their mean is as uncertain as they scatter.
+    """
+    of_tool = _of_tool(problem)
+    if not is_draft(setup) or of_tool.keys() & problem.known:
+        return {}
+    named = {h.effect for h in accepted.hypotheses}
+    further = [at_zero(name, movable(problem, effect)) for name, effect in of_tool.items() if name not in named]
+    beside = fit(problem, (*accepted.hypotheses, *further), accepted)
+    found: dict[str, np.ndarray] = {}
+    share = 0.0
+    for h in beside.hypotheses:
+        effect, (values, stderr) = problem.catalogue[h.effect], parameters(problem, beside, h)
+        if h.effect in of_tool:
+            found |= {x.stated: np.asarray(stderr[x.name]) for x in effect.parameters if x.stated}
+        elif any(twin.exact and twin.effect in of_tool for twin in effect.twins):
+            (gains,) = values.values()
+            share = float(np.std(gains, ddof=1) / np.sqrt(CHANNELS))
+    return {key: np.hypot(stderr, share * np.linalg.norm(getattr(setup.tool, key))) for key, stderr in found.items()}
+
+
+def no_surer(problem: Problem, cause: Candidate, of_tool: Mapping[str, np.ndarray]) -> Candidate:
+    """A cause whose numbers have standard errors no smaller than those of the tool, where they are the tool's."""
+    known = problem.catalogue[cause.effect].parameters if cause.effect in problem.catalogue else ()
+    pairs = [(x.name, of_tool[x.stated]) for x in known if x.stated in of_tool and x.name in cause.stderr]
+    return cause._replace(stderr=cause.stderr | {k: np.maximum(cause.stderr[k], std).tolist() for k, std in pairs})
 
 
 def _of_tool(problem: Problem) -> dict[str, Effect]:

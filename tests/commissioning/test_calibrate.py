@@ -13,7 +13,7 @@ import ftbias_jax as ft
 from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.commissioning import calibrate as module
 from ftbias_jax.commissioning.calibrate import calibrate
-from ftbias_jax.commissioning.drafted import with_loose_tool
+from ftbias_jax.commissioning.drafted import loosened, with_loose_tool
 from ftbias_jax.commissioning.result import CALIBRATED, GIVEN
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.model.simulate_log import simulate
@@ -37,10 +37,11 @@ def faked(monkeypatch):
     """Calibrations whose diagnosis, identification and errors are made up.
 
     Args of what it gives: errors by (effects, mass); what a diagnosis finds in a setup; the mass that is identified;
-    what only all of the log shows beside the causes.
+    what only all of the log shows beside the causes; standard errors of the tool beside them.
     """
 
-    def make(errors, causes=(), mass=1.0, trouble=None, late=()):
+    def make(errors, causes=(), mass=1.0, trouble=None, late=(), beside=None):
+        beside = beside or {}
         calls = []
 
         def judge(setup, logs, hold_out):
@@ -50,7 +51,9 @@ def faked(monkeypatch):
             calls.append(("diagnose", readings(logs[0])))
             shown = (*causes, *(late if readings(logs[0]) == len(LOG.t) else ()))
             found = [cause for cause in shown if cause.effect not in {*setup.effects, *without}]
-            return SimpleNamespace(causes=found, terms=(), sentence="nothing is left", verdict="none")
+            return SimpleNamespace(
+                causes=found, terms=(), sentence="nothing is left", verdict="none", tool_stderr=beside
+            )
 
         def with_causes(setup, causes, terms=()):
             return replace(setup, effects={**setup.effects, **{cause.effect: cause.parameters for cause in causes}})
@@ -137,9 +140,20 @@ def test_causes_may_still_move_a_tool_that_was_identified_without_them(faked):
     faked(lambda effects, mass: 1.0 if mass == 2.0 else 3.0, mass=2.0)
     start = with_loose_tool(TRUE)
     exact = replace(TRUE, tool=replace(TRUE.tool, mass=2.0, mass_std=1e-3, center_of_mass_std=np.full(3, 1e-4)))
-    loosened = module._loosened(exact, start).tool
-    assert (loosened.mass, loosened.mass_std) == (2.0, start.tool.mass_std)
+    loose = loosened(exact, start).tool
+    assert (loose.mass, loose.mass_std) == (2.0, start.tool.mass_std)
     assert calibrate(TRUE, [LOG], unchecked=True).setup.tool.mass == 2.0
+
+
+def test_a_tool_is_as_uncertain_as_the_causes_beside_it(faked):
+    """What is identified with causes as they were found knows nothing of their errors."""
+    stated = replace(TRUE, tool=replace(TRUE.tool, mass_std=0.3, center_of_mass_std=np.full(3, 1e-3)))
+    beside = {"mass": np.array(0.2), "center_of_mass": np.array([5e-4, 0.02, 0.03])}
+    faked(lambda effects, mass: 0.5 if effects else 1.0, [CAUSE], mass=2.0, beside=beside)
+    found = calibrate(stated, [LOG], unchecked=True)
+    assert "tool: 2.00 ± 0.30 kg" in [step.name for step in found.steps]
+    assert found.setup.tool.mass_std == 0.3
+    np.testing.assert_array_equal(found.setup.tool.center_of_mass_std, [1e-3, 0.02, 0.03])
 
 
 def test_what_cannot_be_tried_is_told_with_its_reason(faked):

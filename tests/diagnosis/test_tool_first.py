@@ -102,3 +102,13 @@ def test_a_weight_beside_the_stated_one_is_a_tool_and_no_cable():
     assert {cause.effect for cause in found.causes} == {"tool_mass", "tool_com"}
     assert not found.terms
     assert_tool_found(found)
+
+
+def test_a_tool_beside_gains_is_as_uncertain_as_they_scatter():
+    """Their mean cannot be told from the mass; that of the force is 1.5 % here."""
+    gain = [0.96, 0.97, 1.06, 0.97, 1.03, 0.98]
+    found = diagnose(DRAFTED, [simulate(TRUE, {"gain": {"gain": gain}}, duration=20, rate=100, seed=12).log])
+    assert "gain" in [cause.effect for cause in found.causes]
+    mended = found.apply(DRAFTED).tool
+    assert 0.005 < mended.mass_std / mended.mass < 0.05
+    assert abs(mended.mass - TRUE.tool.mass) < 3 * mended.mass_std
