@@ -155,7 +155,7 @@ def judge_predictions(
     totals = {h: np.zeros((len(after), 3, 6)) for h in HORIZONS}
     counts = {h: np.zeros((len(after), 6)) for h in HORIZONS}
     for log in logs:
-        results = [filtered_with(setup, log) for setup in (before, *after)]
+        results = [filtered_with(setup, log, len(logs)) for setup in (before, *after)]
         begin = log.t[0] + log.start + (1 - hold_out) * (log.t[-1] - log.t[0])
         unseen = results[0][0].t >= begin
         of_constant = errors_of_constant_bias(results[0][0], ~unseen)

@@ -24,6 +24,8 @@ from ftbias_jax.types import AXES, Array
 
 MATTERS = 0.01
 """Least share by which errors must be smaller."""
+SAME = 1e-9
+"""Share by which errors differ that are the same but for rounding."""
 FEWER = 0.03
 """Share of the samples that a better setup may leave out beyond those that the other one leaves out."""
 LEAST_INSIDE = 0.85
@@ -89,7 +91,11 @@ class Difference(NamedTuple):
     def __str__(self) -> str:
         ratio = np.exp(self.share)
         change = value_words(100 * abs(ratio - 1), 100 * ratio * self.stderr)
-        words = f"errors {change} % {'smaller' if ratio < 1 else 'larger'}"
+        words = (
+            f"errors {change} % {'smaller' if ratio < 1 else 'larger'}"
+            if abs(self.share) > SAME
+            else "errors as before"
+        )
         return "; ".join(x for x in (words, self.costs) if x)
 
 

@@ -62,7 +62,9 @@ def test_only_what_both_used_is_compared():
     old = judged(1.0, 1)
     errors = old.errors.copy()
     errors[:, :100] = np.nan
-    assert compare(old._replace(errors=errors), old).share == 0
+    difference = compare(old._replace(errors=errors), old)
+    assert difference.share == 0
+    assert str(difference) == "errors as before"
 
 
 def test_the_table_has_a_row_for_each_horizon_and_a_dash_for_what_is_not_known():

@@ -124,9 +124,9 @@ def result_of(log: Log, states: States, infos: Infos, contacts: Sequence[Contact
     return Filtered(**found, log_likelihood=np.float64(infos.log_likelihood))
 
 
-def filtered_with(setup: Setup, log: Log) -> tuple[Filtered, Params]:
-    """A log filtered as ``ftbias filter`` does it, and the parameters that the filter took."""
-    with compiled_for_few_calls(len(log.t)):
+def filtered_with(setup: Setup, log: Log, calls: int = 1) -> tuple[Filtered, Params]:
+    """A log filtered as ``ftbias filter`` does it, in one of so many calls, and the parameters that the filter took."""
+    with compiled_for_few_calls(calls * len(log.t)):
         ready = ready_to_filter(setup, slices(log), len(log.t), first_position(log.q))
         (filtered,) = ready.results
     return filtered, ready.params
