@@ -14,7 +14,7 @@ import numpy as np
 
 from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
 from ftbias_jax.check.check_setup import require_right
-from ftbias_jax.commissioning.drafted import as_uncertain, loosened, with_loose_tool
+from ftbias_jax.commissioning.drafted import as_uncertain, larger, loosened, with_loose_tool
 from ftbias_jax.commissioning.judged import Judged, baselines, compare, judge
 from ftbias_jax.commissioning.result import CALIBRATED, GIVEN, Calibrated, Step
 from ftbias_jax.diagnosis.apply import with_causes
@@ -187,7 +187,7 @@ def _with_causes(state: _State, road: _Road) -> _State:
             step = Step(kind, f"{kind[:-1]}: {', '.join(named)}", True, "", tuple(parts))
             state = _tried(state, road, step, with_causes(state.setup, found.causes, terms))
             if state.steps[-1].kept:
-                state = state._replace(beside=found.tool_stderr)
+                state = state._replace(beside=larger(state.beside, found.tool_stderr))
     return state
 
 
@@ -283,7 +283,7 @@ def _repeated(state: _State, start: Setup, logs: Sequence[Log], names: Sequence[
                     others = {*catalogue_of_setup(setup), TERM} - looked_for
                     named = diagnose(setup, logs, names, others, unchecked=True)
                     setup, looked_for = with_causes(setup, named.causes, named.terms), set()
-                    beside = named.tool_stderr
+                    beside = larger(beside, named.tool_stderr)
     except FtbiasError:
         return None
     if state.is_first:

@@ -68,6 +68,11 @@ def loosened(found: Setup, stated: Setup) -> Setup:
     return replace(found, tool=tool, pose=stated.pose)
 
 
+def larger(one: Mapping[str, Array], other: Mapping[str, Array]) -> dict[str, Array]:
+    """The larger of two standard errors of each key."""
+    return {key: np.maximum(one.get(key, 0.0), other.get(key, 0.0)) for key in {**one, **other}}
+
+
 def as_uncertain(found: Setup, beside: Mapping[str, Array]) -> Setup:
     """A setup whose tool has standard errors no smaller than those beside the causes that it has, by keys of [tool]."""
     errors = {f"{key}_std": np.maximum(getattr(found.tool, f"{key}_std"), std) for key, std in beside.items()}

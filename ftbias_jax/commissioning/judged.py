@@ -91,11 +91,8 @@ class Difference(NamedTuple):
     def __str__(self) -> str:
         ratio = np.exp(self.share)
         change = value_words(100 * abs(ratio - 1), 100 * ratio * self.stderr)
-        words = (
-            f"errors {change} % {'smaller' if ratio < 1 else 'larger'}"
-            if abs(self.share) > SAME
-            else "errors as before"
-        )
+        same = abs(self.share) < SAME
+        words = "errors as before" if same else f"errors {change} % {'smaller' if ratio < 1 else 'larger'}"
         return "; ".join(x for x in (words, self.costs) if x)
 
 
