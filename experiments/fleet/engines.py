@@ -1,6 +1,6 @@
 """One archive on every engine: processes, Dask, Ray and a bucket; a worker or the command is killed in the middle.
 
-python experiments/fleet/engines.py [--count 1000] [--engines bucket,dask,ray] [--folder DIR]
+python experiments/fleet/engines.py [--count 1000] [--engines bucket,dask,ray] [--folder DIR] [--json FILE]
 """
 
 import argparse
@@ -244,15 +244,16 @@ def main():
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--engines", default="jobs,dask,dask-killed,ray,ray-killed,bucket,bucket-killed")
     parser.add_argument("--folder", help="empty or new; kept (default: one that is removed)")
+    parser.add_argument("--json", type=Path, default=Path(__file__).with_name("engines.json"), help="result")
     arguments = parser.parse_args()
     ctypes.CDLL(None).prctl(SUBREAPER, 1)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(arguments.folder or temporary).absolute()
         folder.mkdir(exist_ok=True)
-        measure(folder, arguments.count, arguments.engines.split(","))
+        measure(folder, arguments.count, arguments.engines.split(","), arguments.json.absolute())
 
 
-def measure(folder, count, engines):
+def measure(folder, count, engines, output):
     write_logs(folder, count)
     sample = [f"logs/{i:05d}.npz" for i in range(0, count, max(1, count // SAMPLED))]
     ended(command(folder, "warm", logs=sample[:2]))  # from now on the programs are compiled
@@ -269,7 +270,7 @@ def measure(folder, count, engines):
                 result[name]["cpu_seconds_a_further_log"] = round(further, 4)
             print(name, json.dumps(result[name], indent=1), flush=True)
             text = json.dumps({"versions": VERSIONS, "result": result}, indent=1)
-            Path(__file__).with_name("engines.json").write_text(text + "\n")
+            output.write_text(text + "\n")
 
 
 def one_engine(name, folder, count, served, alone, jobs):

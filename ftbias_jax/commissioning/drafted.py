@@ -69,12 +69,12 @@ def loosened(found: Setup, stated: Setup) -> Setup:
 
 
 def larger(one: Mapping[str, Array], other: Mapping[str, Array]) -> dict[str, Array]:
-    """The larger of two standard errors of each key."""
-    return {key: np.maximum(one.get(key, 0.0), other.get(key, 0.0)) for key in {**one, **other}}
+    """The larger of two standard errors of each key; one that is not known counts as smaller."""
+    return {key: np.fmax(one.get(key, 0.0), other.get(key, 0.0)) for key in {**one, **other}}
 
 
 def as_uncertain(found: Setup, beside: Mapping[str, Array]) -> Setup:
     """A setup whose tool has standard errors no smaller than those beside the causes that it has, by keys of [tool]."""
-    errors = {f"{key}_std": np.maximum(getattr(found.tool, f"{key}_std"), std) for key, std in beside.items()}
+    errors = {f"{key}_std": np.fmax(getattr(found.tool, f"{key}_std"), std) for key, std in beside.items()}
     plain: dict[str, Any] = {key: std if std.ndim else float(std) for key, std in errors.items()}
     return replace(found, tool=replace(found.tool, **plain))

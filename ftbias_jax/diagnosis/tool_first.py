@@ -94,7 +94,7 @@ def no_surer(problem: Problem, cause: Candidate, of_tool: Mapping[str, np.ndarra
     """A cause whose numbers have standard errors no smaller than those of the tool, where they are the tool's."""
     known = problem.catalogue[cause.effect].parameters if cause.effect in problem.catalogue else ()
     pairs = [(x.name, of_tool[x.stated]) for x in known if x.stated in of_tool and x.name in cause.stderr]
-    return cause._replace(stderr=cause.stderr | {k: np.maximum(cause.stderr[k], std).tolist() for k, std in pairs})
+    return cause._replace(stderr=cause.stderr | {k: np.fmax(cause.stderr[k], std).tolist() for k, std in pairs})
 
 
 def _of_tool(problem: Problem) -> dict[str, Effect]:
