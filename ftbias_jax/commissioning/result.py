@@ -7,13 +7,16 @@ from typing import Any
 
 import numpy as np
 
+from ftbias_jax.calibration.identify_tool import IdentifyResult
 from ftbias_jax.calibration.judgement import HORIZONS
+from ftbias_jax.calibration.tool.physical import NAMES
 from ftbias_jax.commissioning.judged import CONSTANT, HEAD, HELD_TARE, Judged, table
 from ftbias_jax.diagnosis.report.page import html_table, section, typeset, whole_page
 from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.result import Diagnosis
 from ftbias_jax.io.atomic import plain
 from ftbias_jax.io.log import Repairs
+from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.setup.dump import dump_setup
 from ftbias_jax.setup.save import write_text
 from ftbias_jax.setup.types import Setup
@@ -134,6 +137,30 @@ class Calibrated:
         if better := self.constant_is_better:
             lines.append(f"a bias that is held predicts better: {', '.join(better)}")
         return "\n".join(lines)
+
+
+def poses_to_html(found: IdentifyResult, path: str | os.PathLike[str]) -> None:
+    """Write a page with the tool that static poses show, how well each is predicted from the others, and the setup.
+
+    Raises:
+        OutputError: the file cannot be written there.
+    """
+    mass = value_words(found.tool.values[0], found.tool.stderr[0])
+    sentence = "The poses do not show the tool's mass." if found.tool.remarks[0] else f"The tool weighs {mass} kg."
+    body = (
+        f"<header><p class='small'>Calibration by static poses</p><h1>{sentence}</h1></header>"
+        + section("What the poses show", f"<pre>{escape(str(found))}</pre>")
+        + section("The setup", f"<pre>{escape(dump_setup(found.setup))}</pre>")
+    )
+    write_text(path, whole_page("Calibration", body))
+
+
+def plain_of_poses(found: IdentifyResult) -> dict[str, Any]:
+    """The tool that static poses show, and how well each is predicted from the others, for JSON as ``Calibrated`` has."""
+    numbers = zip(NAMES, found.tool.values, found.tool.stderr, found.tool.remarks, strict=True)
+    shown = {name: {"value": plain(value), "stderr": plain(stderr)} for name, value, stderr, why in numbers if not why}
+    assert found.poses is not None
+    return {"kept": ["tool"], "refused": [], "forecast": {}, "tool": shown, "poses": plain(found.poses._asdict())}
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:

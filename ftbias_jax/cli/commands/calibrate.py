@@ -1,7 +1,6 @@
 """``ftbias calibrate``: from logs to a setup in which every step predicts what it has not seen."""
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
 
 from ftbias_jax.cli.given import logs_of, setup_of, start_jax, write_answers
@@ -33,12 +32,15 @@ def run(arguments: argparse.Namespace) -> int:
         start_jax()
         from ftbias_jax.calibration.identify_tool import identify_tool
         from ftbias_jax.commissioning.calibrate import calibrate
+        from ftbias_jax.commissioning.result import plain_of_poses, poses_to_html
 
         asked = {"bias": arguments.bias, "unchecked": arguments.unchecked, "progress": stages}
         poses = [log for log in logs if isinstance(log, Poses)]
         motions = [log for log in logs if isinstance(log, Log)]
         if poses:
-            _require_alone(arguments, paths)
+            if len(paths) > 1:
+                message = "static poses are not calibrated together with another log"
+                raise UsageError(message, field="logs", remedy="give one table of poses, or logs of motion")
             tool = identify_tool(setup, poses[0], **asked)
         else:
             names = [Path(path).name for path in paths]
@@ -50,21 +52,11 @@ def run(arguments: argparse.Namespace) -> int:
         {
             beside: lambda path: write_text(path, urdf),
             arguments.output: lambda path: answer.save(path, by="calibrate"),
-            arguments.html: lambda path: found.to_html(path),
-            arguments.json: lambda path: write_json(path, found.plain()),
+            arguments.html: lambda path: poses_to_html(tool, path) if poses else found.to_html(path),
+            arguments.json: lambda path: write_json(path, plain_of_poses(tool) if poses else found.plain()),
         }
     )
     return tell_repairs(zip(paths, [poses[0].repairs] if poses else found.repairs, strict=True))
-
-
-def _require_alone(arguments: argparse.Namespace, paths: Sequence[str]) -> None:
-    """Refuse what static poses have none of: of them the tool is found, and each is predicted from all the others."""
-    if len(paths) > 1:
-        remedy = "give one table of poses, or logs of motion"
-        raise UsageError("static poses are not calibrated together with another log", field="logs", remedy=remedy)
-    if arguments.html or arguments.json:
-        field = "--html" if arguments.html else "--json"
-        raise UsageError("static poses have no unseen end to report on", field=field, remedy="leave it out")
 
 
 def _draft(arguments: argparse.Namespace) -> tuple[Setup, str]:

@@ -1,4 +1,5 @@
 import json
+import pathlib
 import sys
 from types import ModuleType
 
@@ -59,11 +60,17 @@ def test_static_poses_are_calibrated_by_the_tool_alone(tmp_path, monkeypatch, ca
     wrench = np.hstack([0.8 * weight, np.cross([0.0, 0.01, 0.05], 0.8 * weight)]) + 0.5
     wrench += 0.01 * np.random.default_rng(2).normal(size=(20, 6))
     np.savez("poses.npz", orientation=turned.as_quat(), wrench=wrench)
-    assert main(["calibrate", "poses.npz", "-o", "out.toml"]) == 0
+    assert main(["calibrate", "poses.npz", "-o", "out.toml", "--html", "page.html", "--json", "out.json"]) == 0
     assert "20 static poses" in capsys.readouterr().out
     assert load_setup("out.toml").tool.mass == pytest.approx(0.8, abs=0.01)
-    assert main(["calibrate", "poses.npz", "-o", "page.toml", "--html", "page.html"]) == 2
-    assert "static poses have no unseen end" in capsys.readouterr().err
+    with open("out.json") as file:
+        told = json.load(file)
+    assert told["tool"]["mass"]["value"] == pytest.approx(0.8, abs=0.01)
+    assert "Ixx" not in told["tool"], "poses at rest show no inertia"
+    assert told["poses"]["poses"] == 20
+    page = pathlib.Path("page.html").read_text()
+    assert "The tool weighs 0.8" in page
+    assert "mass = 0.8" in page
 
 
 def test_without_a_setup_it_drafts_one(calls):
