@@ -156,7 +156,7 @@ def poses_to_html(found: IdentifyResult, path: str | os.PathLike[str]) -> None:
 
 
 def plain_of_poses(found: IdentifyResult) -> dict[str, Any]:
-    """The tool that static poses show, and how well each is predicted from the others, for JSON as ``Calibrated`` has."""
+    """The tool that static poses show, and how well each is predicted from the others, for JSON."""
     numbers = zip(NAMES, found.tool.values, found.tool.stderr, found.tool.remarks, strict=True)
     shown = {name: {"value": plain(value), "stderr": plain(stderr)} for name, value, stderr, why in numbers if not why}
     assert found.poses is not None
