@@ -140,7 +140,7 @@ def explain(
     if pushed := pushed and verdict not in ("explained", "described"):  # a push follows nothing
         answer, verdict, causes = _without_causes(answer)._replace(terms=()), "unknown", ()
     of_tool = stderr_of_tool(setup, problem, answer.accepted)
-    causes = tuple(no_surer(problem, cause, of_tool) for cause in causes)
+    causes = tuple(no_surer(problem, cause, answer.accepted, of_tool) for cause in causes)
     causes, ranking = (
         tuple(with_nominal(problem, candidate) for candidate in some) for some in (causes, ranking_of(answer))
     )

@@ -241,7 +241,7 @@ class Diagnosis(NamedTuple):
     correlations: np.ndarray = np.zeros((0, 0))
     """(P, P) between the errors of all numbers of the causes, in their order: ``evidence.estimates``."""
     tool_stderr: Mapping[str, np.ndarray] = MappingProxyType({})
-    """Standard errors of a drafted tool fitted beside all causes, by keys of [tool]; {} = it is no draft."""
+    """Standard errors of a tool that was fitted beside all causes, by keys of [tool]; {} = it was not."""
     courses: tuple[Course, ...] = ()
     """How causes went on over all logs, where more than those that were diagnosed were given: ``pooled``."""
     command: str = ""

@@ -67,34 +67,51 @@ def search_causes(
 
 
 def stderr_of_tool(setup: Setup, problem: Problem, accepted: Fit) -> dict[str, np.ndarray]:
-    """Standard errors of a drafted tool that is fitted beside all that was found, by keys of [tool]; {} = no draft.
+    """Standard errors of a tool beside all that was found, by keys of [tool]: of a draft, or where it is among that."""
+    of_tool, drafted = _of_tool(problem), is_draft(setup)
+    named = {h.effect for h in accepted.hypotheses}
+    if of_tool.keys() & problem.known or not (drafted or of_tool.keys() & named):
+        return {}
+    others = [(name, effect) for name, effect in of_tool.items() if drafted and name not in named]
+    further = [at_zero(name, movable(problem, effect)) for name, effect in others]
+    beside = fit(problem, (*accepted.hypotheses, *further), accepted)
+    found: dict[str, np.ndarray] = {}
+    for h in beside.hypotheses:
+        if h.effect in of_tool:
+            stderr = parameters(problem, beside, h)[1]
+            found |= {x.stated: np.asarray(stderr[x.name]) for x in of_tool[h.effect].parameters if x.stated}
+    share = _open_scale(problem, beside)
+    return {key: np.hypot(stderr, share * np.linalg.norm(getattr(setup.tool, key))) for key, stderr in found.items()}
+
+
+def no_surer(problem: Problem, cause: Candidate, accepted: Fit, of_tool: Mapping[str, np.ndarray]) -> Candidate:
+    """A cause whose numbers have standard errors no smaller than those of the tool, and of the scale that it has."""
+    if cause.effect not in problem.catalogue or not of_tool:
+        return cause
+    effect = problem.catalogue[cause.effect]
+    pairs = [(x.name, of_tool[x.stated]) for x in effect.parameters if x.stated in of_tool and x.name in cause.stderr]
+    if _scales_tool(problem, effect):
+        scale = _open_scale(problem, accepted)
+        pairs += [(name, np.hypot(stderr, scale * np.sign(stderr))) for name, stderr in cause.stderr.items()]
+    return cause._replace(stderr=cause.stderr | {k: np.fmax(cause.stderr[k], std).tolist() for k, std in pairs})
+
+
+def _open_scale(problem: Problem, found: Fit) -> float:
+    """Share by which gains and a tool that is fitted beside them may be off together.
 
     Gains that are all the same scale the tool, and nothing but a known weight tells them from it: where some were found
     that differ, their mean is as uncertain as they scatter.
     """
-    of_tool = _of_tool(problem)
-    if not is_draft(setup) or of_tool.keys() & problem.known:
-        return {}
-    named = {h.effect for h in accepted.hypotheses}
-    further = [at_zero(name, movable(problem, effect)) for name, effect in of_tool.items() if name not in named]
-    beside = fit(problem, (*accepted.hypotheses, *further), accepted)
-    found: dict[str, np.ndarray] = {}
-    share = 0.0
-    for h in beside.hypotheses:
-        effect, (values, stderr) = problem.catalogue[h.effect], parameters(problem, beside, h)
-        if h.effect in of_tool:
-            found |= {x.stated: np.asarray(stderr[x.name]) for x in effect.parameters if x.stated}
-        elif any(twin.exact and twin.effect in of_tool for twin in effect.twins):
-            (gains,) = values.values()
-            share = float(np.std(gains, ddof=1) / np.sqrt(CHANNELS))
-    return {key: np.hypot(stderr, share * np.linalg.norm(getattr(setup.tool, key))) for key, stderr in found.items()}
+    for h in found.hypotheses:
+        if _scales_tool(problem, problem.catalogue[h.effect]):
+            (gains,) = parameters(problem, found, h)[0].values()
+            return float(np.std(gains, ddof=1) / np.sqrt(CHANNELS))
+    return 0.0
 
 
-def no_surer(problem: Problem, cause: Candidate, of_tool: Mapping[str, np.ndarray]) -> Candidate:
-    """A cause whose numbers have standard errors no smaller than those of the tool, where they are the tool's."""
-    known = problem.catalogue[cause.effect].parameters if cause.effect in problem.catalogue else ()
-    pairs = [(x.name, of_tool[x.stated]) for x in known if x.stated in of_tool and x.name in cause.stderr]
-    return cause._replace(stderr=cause.stderr | {k: np.fmax(cause.stderr[k], std).tolist() for k, std in pairs})
+def _scales_tool(problem: Problem, effect: Effect) -> bool:
+    """Whether an effect does in one case what one of the tool does, whatever the motion."""
+    return any(twin.exact and twin.effect in _of_tool(problem) for twin in effect.twins)
 
 
 def _of_tool(problem: Problem) -> dict[str, Effect]:
