@@ -85,7 +85,7 @@ def stderr_of_tool(setup: Setup, problem: Problem, accepted: Fit) -> dict[str, n
 
 
 def no_surer(problem: Problem, cause: Candidate, accepted: Fit, of_tool: Mapping[str, np.ndarray]) -> Candidate:
-    """A cause whose numbers have standard errors no smaller than those of the tool, and of the scale that it has."""
+    """A cause whose standard errors are no smaller than those of the tool, of which gains contain the open scale."""
     if cause.effect not in problem.catalogue or not of_tool:
         return cause
     effect = problem.catalogue[cause.effect]
@@ -110,7 +110,7 @@ def _open_scale(problem: Problem, found: Fit) -> float:
 
 
 def _scales_tool(problem: Problem, effect: Effect) -> bool:
-    """Whether an effect does in one case what one of the tool does, whatever the motion."""
+    """Whether an effect, such as equal gains, may do exactly what one of the tool does, whatever the motion."""
     return any(twin.exact and twin.effect in _of_tool(problem) for twin in effect.twins)
 
 
