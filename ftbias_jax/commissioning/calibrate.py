@@ -71,9 +71,10 @@ class _State(NamedTuple):
     causes as they were found is as uncertain as they are."""
 
     @property
-    def is_first(self) -> bool:
-        """Whether the tool is that of the first step, which nothing has moved."""
-        return self.identified is not None and self.setup.tool.mass == self.identified.mass
+    def unmoved(self) -> ToolSetup | None:
+        """The tool of the first step, if nothing has moved it."""
+        is_there = self.identified is not None and self.setup.tool.mass == self.identified.mass
+        return self.identified if is_there else None
 
     @property
     def has_tool(self) -> bool:
@@ -144,8 +145,8 @@ def calibrate(
         state = _with_noise(state, road)
         if state.setup is before:
             break
-    if state.identified is not None and state.is_first:
-        state = state._replace(setup=as_uncertain(replace(state.setup, tool=state.identified), state.beside))
+    if state.unmoved is not None:
+        state = state._replace(setup=as_uncertain(replace(state.setup, tool=state.unmoved), state.beside))
     progress("comparing with a constant bias")
     rows = {GIVEN: first.judged} | ({CALIBRATED: state.judged} if state.setup is not start else {})
     rows |= baselines(state.setup, whole, hold_out)
@@ -286,7 +287,7 @@ def _repeated(state: _State, start: Setup, logs: Sequence[Log], names: Sequence[
                     beside = larger(beside, named.tool_stderr)
     except FtbiasError:
         return None
-    if state.is_first:
+    if state.unmoved is not None:
         setup = as_uncertain(replace(setup, tool=found.tool), beside)
     return setup if {*setup.effects} == {*state.setup.effects} else None
 

@@ -75,6 +75,6 @@ def larger(one: Mapping[str, Array], other: Mapping[str, Array]) -> dict[str, Ar
 
 def as_uncertain(found: Setup, beside: Mapping[str, Array]) -> Setup:
     """A setup whose tool has standard errors no smaller than those beside the causes that it has, by keys of [tool]."""
-    errors = {f"{key}_std": np.fmax(getattr(found.tool, f"{key}_std"), std) for key, std in beside.items()}
-    plain: dict[str, Any] = {key: std if std.ndim else float(std) for key, std in errors.items()}
+    errors = larger({key: getattr(found.tool, f"{key}_std") for key in beside}, beside)
+    plain: dict[str, Any] = {f"{key}_std": std if std.ndim else float(std) for key, std in errors.items()}
     return replace(found, tool=replace(found.tool, **plain))

@@ -105,7 +105,7 @@ def judge(setup: Setup, logs: Sequence[Log], hold_out: float) -> Judged:
         hold_out: share at the end of each that counts.
     """
     results = _filtered(setup, logs)
-    return _joined([_of_end(*both, hold_out, _errors) for both in zip(results, logs, strict=True)])
+    return _joined([_of_end(r, log, hold_out, _errors(r)) for r, log in zip(results, logs, strict=True)])
 
 
 def baselines(setup: Setup, logs: Sequence[Log], hold_out: float) -> dict[str, Judged]:
@@ -117,18 +117,17 @@ def baselines(setup: Setup, logs: Sequence[Log], hold_out: float) -> dict[str, J
         hold_out: as for ``judge``.
     """
     results = _filtered(setup, logs)
-    ways: dict[str, Callable[[FilterResult, float], Array]] = {
-        HELD_TARE: lambda result, begin: result.t < result.t[np.argmax(_used(result))] + TARE,
-        CONSTANT: lambda result, begin: result.t < begin,
+    ways: dict[str, Callable[[FilterResult, Log], Array]] = {
+        HELD_TARE: lambda result, log: result.t < result.t[np.argmax(_used(result))] + TARE,
+        CONSTANT: lambda result, log: result.t < _begin(_stamps(log), hold_out),
     }
 
-    def held(rows: Callable[[FilterResult, float], Array]) -> Judged:
-        def errors(result: FilterResult, begin: float) -> tuple[Array, Array]:
-            of_axis = errors_of_constant_bias(result, rows(result, begin))
-            errors = np.stack([of_axis] * len(HORIZONS))
+    def held(rows: Callable[[FilterResult, Log], Array]) -> Judged:
+        def errors(result: FilterResult, log: Log) -> tuple[Array, Array]:
+            errors = np.stack([errors_of_constant_bias(result, rows(result, log))] * len(HORIZONS))
             return errors, np.full(errors.shape, np.nan)
 
-        return _joined([_of_end(*both, hold_out, errors) for both in zip(results, logs, strict=True)])
+        return _joined([_of_end(r, log, hold_out, errors(r, log)) for r, log in zip(results, logs, strict=True)])
 
     return {name: held(rows) for name, rows in ways.items()}
 
@@ -225,7 +224,7 @@ def _lost(setup: Setup, given: Judged, logs: Sequence[Log]) -> Difference | Ftbi
     return difference if difference.is_worse else None
 
 
-def _errors(result: FilterResult, _: float) -> tuple[Array, Array]:
+def _errors(result: FilterResult) -> tuple[Array, Array]:
     """(H, T, 6) errors, and whether the readings are in their intervals."""
     found = [(prediction_errors(result, result.params.bias, ahead), _std_ahead(result, ahead)) for ahead in HORIZONS]
     errors, std = (np.stack(parts) for parts in zip(*found, strict=True))
@@ -242,15 +241,10 @@ def _std_ahead(result: FilterResult, seconds: float) -> Array:
     return np.sqrt(variance)
 
 
-def _of_end(
-    result: FilterResult, log: Log, hold_out: float, errors: Callable[[FilterResult, float], tuple[Array, Array]]
-) -> Judged:
-    """Errors at the end of a log, at all stamps of its wrench: the result leaves out what the setup says is useless.
-
-    The errors are a function of the result and of the time at which the end begins.
-    """
-    t = log.t[np.isfinite(log.wrench).any(1)] + log.start
-    begin = float(t[-1] - hold_out * (t[-1] - t[0]))
+def _of_end(result: FilterResult, log: Log, hold_out: float, errors: tuple[Array, Array]) -> Judged:
+    """Errors at the end of a log, at all stamps of its wrench: the result leaves out what the setup says is useless."""
+    t = _stamps(log)
+    begin = _begin(t, hold_out)
     rows, places = t >= begin, np.searchsorted(t, result.t)
 
     def at_stamps(values: Array) -> Array:
@@ -258,10 +252,20 @@ def _of_end(
         whole[..., places, :] = values
         return whole[..., rows, :]
 
-    ahead, inside = map(at_stamps, errors(result, begin))
+    ahead, inside = map(at_stamps, errors)
     share = (t[rows] - begin) / max(float(t[-1] - begin), 1e-9)
     stretch = np.minimum((STRETCHES * share).astype(int), STRETCHES - 1)
     return Judged(ahead, inside, at_stamps(_used(result)[:, None])[:, 0], stretch)
+
+
+def _stamps(log: Log) -> Array:
+    """s, of the samples of the wrench."""
+    stamps: Array = log.t[np.isfinite(log.wrench).any(1)] + log.start
+    return stamps
+
+
+def _begin(t: Array, hold_out: float) -> float:
+    return float(t[-1] - hold_out * (t[-1] - t[0]))
 
 
 def _used(result: FilterResult) -> Array:

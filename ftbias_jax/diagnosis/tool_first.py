@@ -74,7 +74,7 @@ def stderr_of_tool(setup: Setup, problem: Problem, accepted: Fit) -> dict[str, n
         return {}
     others = [(name, effect) for name, effect in of_tool.items() if drafted and name not in named]
     further = [at_zero(name, movable(problem, effect)) for name, effect in others]
-    beside = fit(problem, (*accepted.hypotheses, *further), accepted)
+    beside = fit(problem, (*accepted.hypotheses, *further), accepted) if further else accepted
     found: dict[str, np.ndarray] = {}
     for h in beside.hypotheses:
         if h.effect in of_tool:
