@@ -12,13 +12,14 @@ from ftbias_jax.diagnosis.evidence.estimates import correlations, with_nominal
 from ftbias_jax.diagnosis.evidence.gap import Judge, compare, is_quiet, measure_gap, verdict_of
 from ftbias_jax.diagnosis.problem import Problem, make_problem
 from ftbias_jax.diagnosis.regression import fit as fits
-from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead
+from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead, to_values
 from ftbias_jax.diagnosis.regression.coordinates import why_not_fitted
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.report.sentence import headline, no_free_motion, note
 from ftbias_jax.diagnosis.report.series import show, where
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, together
+from ftbias_jax.diagnosis.search import enough, gap_of
 from ftbias_jax.diagnosis.terms.describe import describe, follows_something
 from ftbias_jax.diagnosis.terms.found import found_terms
 from ftbias_jax.diagnosis.terms.loads import all_carried
@@ -123,7 +124,13 @@ def explain(
         before = hold_out(base, base.error)
         searched = Searched(base, base, [])
     else:
-        searched = search_causes(setup, problem, base, hold_out, {*without, *not_shown(setup)}, progress)
+        excluded = {*without, *not_shown(setup)}
+        searched = search_causes(setup, problem, base, hold_out, excluded, progress)
+        settled = _settled(problem, searched.accepted)
+        if settled is not problem:
+            problem, base, hold_out = settled, fits.base(settled), Judge(settled)
+            before = hold_out(base, base.error)
+            searched = search_causes(setup, problem, base, hold_out, excluded, progress)
     after = hold_out(searched.accepted, base.error)
     gap = measure_gap(problem, before, after)
     answer = Answer(problem, hold_out, base, found, *searched, before, after, gap, gap.before_sigmas**2 - 1)
@@ -193,6 +200,17 @@ def _examined(
     problem = louder(problem, term, state)
     # What grows is no constant, and no growth of the catalogue.
     return problem, fits.base(problem), tuple(one for one in found if one.sign not in (LEVEL, GROWTH)), (term,)
+
+
+def _settled(problem: Problem, found: Fit) -> Problem:
+    """The problem without the time in which what was found did not act as it is modelled, if there is anything else.
+
+    What was left of a lag, or of a swing, when the log began would otherwise be a cause of its own.
+    """
+    if len(found.hypotheses) < 2 and gap_of(problem, found) <= enough(problem, found):
+        return problem
+    values = to_values(problem.parts[0].signals, found.z, catalogue=problem.catalogue)
+    return problem.settled({h.effect: values[h.effect] for h in found.hypotheses if h.effect in values})
 
 
 def _with_terms(answer: Answer, lines: Sequence[float]) -> Answer:

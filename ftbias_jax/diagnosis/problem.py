@@ -6,6 +6,7 @@ from typing import NamedTuple, Self
 import jax
 import numpy as np
 
+from ftbias_jax.check.contact import STILL
 from ftbias_jax.diagnosis.regression.chain_model import nominal_motion
 from ftbias_jax.diagnosis.regression.coordinates import Layout, layout
 from ftbias_jax.diagnosis.regression.whitening import Whitener, make_whitener
@@ -21,6 +22,7 @@ from ftbias_jax.filtering.method.look import Touched, contacts_in, scatter_at_re
 from ftbias_jax.filtering.noise.contact import in_contact
 from ftbias_jax.filtering.noise.log_noise import MARGIN, by_axis
 from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.filtering.samples import waiting
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue
 from ftbias_jax.model.effects.compose import fill_temperature
@@ -58,6 +60,14 @@ class Part(NamedTuple):
     def with_variance(self, variance: np.ndarray) -> Self:
         """The same log with another noise of its mean readings, (B, 6) N^2, Nm^2."""
         wrench = self.wrench._replace(variance=jax.device_put(variance))
+        return self._replace(wrench=wrench, whiten=make_whitener(wrench, self.used))
+
+    def silent_before(self, seconds: float) -> Self:
+        """The same log without the readings of its first seconds, if it begins in motion."""
+        if seconds <= 0 or np.abs(speeds_of(self.signals.model.arm, np.asarray(self.signals.dq[0]))).max() <= STILL:
+            return self
+        reading = np.where(np.asarray(self.signals.t)[:, None] < seconds, np.nan, self.wrench.wrench)
+        wrench = self.wrench._replace(wrench=jax.device_put(reading))
         return self._replace(wrench=wrench, whiten=make_whitener(wrench, self.used))
 
 
@@ -113,6 +123,18 @@ class Problem(NamedTuple):
         """The same without the samples of some bins (U,) bool."""
         return self._replace(samples=np.where(bins[:, None], 0, self.samples))
 
+    def settled(self, effects: Values) -> Self:
+        """The same without what was read while effects still remembered how they began, in logs that begin in motion.
+
+        Before the log they may have done anything; a model of them does as if the arm had rested.
+        """
+        waits = [waiting(effects, duration, self.catalogue) for duration in self.durations]
+        parts = tuple(map(Part.silent_before, self.parts, waits))
+        silent = [~np.isfinite(np.asarray(part.wrench.wrench)[: part.used]) for part in parts]
+        samples = np.where(np.concatenate(silent), 0, self.samples)
+        same = all(one is other for one, other in zip(parts, self.parts, strict=True))
+        return self if same else self._replace(parts=parts, samples=samples)
+
     def louder(self, added: np.ndarray) -> Self:
         """The same with more variance (U, 6) N^2, Nm^2 of the bins' means."""
         pieces = np.split(added, np.cumsum([part.used for part in self.parts])[:-1])
@@ -138,7 +160,7 @@ def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[Samp
     def join(arrays: Sequence[np.ndarray]) -> np.ndarray:
         return np.concatenate([np.asarray(array)[:length] for array, length in zip(arrays, used, strict=True)])
 
-    return Problem(
+    problem = Problem(
         parts=parts,
         t=join([part.signals.t for part in parts]),
         log=np.repeat(np.arange(len(parts)), used),
@@ -151,7 +173,8 @@ def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[Samp
         catalogue=catalogue_of_setup(setup),
         recorded=_recorded_in(logs),
         noise_stderr=np.sqrt(((stds * stderrs) ** 2).sum(0)) / len(found) / noise_std,
-    ), found
+    )
+    return problem.settled(problem.known), found
 
 
 def _recorded_in(logs: Sequence[Log]) -> frozenset[str]:

@@ -1,5 +1,6 @@
 """A log as the filters' input, and padding that makes logs of equal length."""
 
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -10,12 +11,13 @@ import numpy as np
 from ftbias_jax.io.clock import LONG_PAUSE
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.compose import fill_temperature, forgetting_time
+from ftbias_jax.model.effects.types import Effect, Values
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array, Sample
 
 FORGOTTEN = 0.01
 """Share of what a memory held at the first sample that no longer matters."""
-LONGEST, MOST = 1.0, 0.1
+LONGEST, MOST = 3.0, 0.1
 """s, and share of the log, that are left out at most: what lasts longer looks like a bias, or swings about zero."""
 
 
@@ -47,14 +49,18 @@ def arrays_from_log(log: Log, dtype: Any = None, before: float | None = None) ->
 def settled_at(t: Array, params: Params) -> float:
     """s, of the log's time, when the known effects have forgotten how they began; the first stamp if none remembers.
 
-    A mass that swings, a tool on springs or a low-pass of the sensor is taken as settled at the first sample. If the
-    arm moves there, the readings are off by what is left of that, and a filter would take it for bias. The stamps
-    t (T,) s are those of the whole log.
+    The stamps t (T,) s are those of the whole log.
     """
-    if params.effects is None:
-        return float(t[0])
-    wait = -np.log(FORGOTTEN) * forgetting_time(params.effects)
-    return float(t[0] + min(wait, LONGEST, MOST * (t[-1] - t[0])))
+    return float(t[0] + waiting(params.effects or {}, float(t[-1] - t[0])))
+
+
+def waiting(effects: Values, duration: float, catalogue: Mapping[str, Effect] | None = None) -> float:
+    """s, from the start of a log that lasts so many, until effects have forgotten how they began; 0 if none remembers.
+
+    A mass that swings, a tool on springs or a low-pass of the sensor is taken as settled at the first sample. If the
+    arm moves there, the readings are off by what is left of that, and would be taken for bias.
+    """
+    return min(-np.log(FORGOTTEN) * forgetting_time(effects, catalogue), LONGEST, MOST * duration)
 
 
 def without_unsettled(samples: Sample, t: Array, params: Params) -> Sample:

@@ -125,12 +125,12 @@ def correct_record(wrench: Array, model: Model, values: Values) -> Array:
     return wrench
 
 
-def forgetting_time(values: Values) -> float:
+def forgetting_time(values: Values, catalogue: Mapping[str, Effect] | None = None) -> float:
     """s, the longest time constant with which effects and terms forget how they began; 0 if none remembers.
 
     What swings or lags is taken as settled at the first sample, which it need not be.
     """
-    times = [effect.forgets(values[name]) for name, effect in _acting(values) if effect.forgets]
+    times = [effect.forgets(values[name]) for name, effect in _acting(values, catalogue) if effect.forgets]
     for term in values.get(TERM, {}).values():
         if forgets := FORMS[term.drive, term.form].forgets:
             times.append(forgets(term.parameters))
