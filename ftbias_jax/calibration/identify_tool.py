@@ -157,7 +157,7 @@ def identify_tool(
         params = params_for_log.likeliest_params(setup, samples_from_log(log), options)
 
         def fit(log: Log) -> Identified:
-            samples = samples_from_log(params_for_log.without_useless(log, params))
+            samples = params_for_log.useful_samples(log, params)
             samples = pad(samples, params_for_log.padded_length(len(log.t)))  # logs of different lengths share programs
             return identify(params, samples, options, mounting, gravity)
 

@@ -177,13 +177,15 @@ def judge_predictions(
 def prediction_errors(result: Filtered | FilterResult, noise: BiasNoise, ahead: float) -> Array:
     """(T, 6) N, Nm: the reading less what ``FilterResult.forecast`` said so many s earlier; NaN = not predicted.
 
-    What touches the tool is not predicted by anything, so samples that were not used do not count.
+    What touches the tool is not predicted by anything, so samples that were not used do not count. Before the first one
+    that was, nothing is known of the bias of this log, and nothing is predicted.
     """
+    first = 0 if result.used is None else np.argmax(result.used)
     past = np.searchsorted(result.t, result.t - ahead, side="right") - 1
     reading = result.wrench_unbiased - result.bias
     times = (noise.drift_time, noise.correlated_time)
     later = expected_ahead(result.bias, result.drift, result.slow_error, times, ahead)
-    errors = np.where((past >= 0)[:, None], reading - (result.wrench_tool - later[past]), np.nan)
+    errors = np.where((past >= first)[:, None], reading - (result.wrench_tool - later[past]), np.nan)
     return _of_used(result, errors)
 
 

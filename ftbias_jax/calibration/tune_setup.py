@@ -110,7 +110,7 @@ def tune(
     first = params_for_log.likeliest_params(setup, seen_first, options)
     stated = [first, *(params_from_setup(other)._replace(joint=first.joint) for other, _ in others)]
     samples = [
-        [arrays_from_log(params_for_log.without_useless(log, params)) for log in logs_of_tool]
+        [params_for_log.useful_samples(log, params) for log in logs_of_tool]
         for params, (_, logs_of_tool) in zip(stated, tools, strict=True)
     ]
     seen = [[_part(log, 0, 1 - hold_out) for log in logs_of_tool] for logs_of_tool in samples]

@@ -12,6 +12,7 @@ from ftbias_jax.calibration.judgement import HORIZONS, STRETCHES, SURE, errors_o
 from ftbias_jax.diagnosis.apply import with_causes
 from ftbias_jax.diagnosis.result import Diagnosis
 from ftbias_jax.errors import FtbiasError
+from ftbias_jax.filtering.samples import settled_at
 from ftbias_jax.filtering.verbs.from_setup import filter_log
 from ftbias_jax.filtering.verbs.results import FilterResult
 from ftbias_jax.io.cleaning import clean
@@ -85,7 +86,7 @@ class Difference(NamedTuple):
     @property
     def costs(self) -> str:
         """What is worse beside the errors, in words; "" = nothing."""
-        fewer = f"{100 * self.fewer:.2g} % fewer samples used" if self.fewer > FEWER else ""
+        fewer = f"{100 * self.fewer:.0f} % fewer samples used" if self.fewer > FEWER else ""
         return "; ".join(x for x in (fewer, "too few readings in their intervals" if self.misses else "") if x)
 
     def __str__(self) -> str:
@@ -255,7 +256,9 @@ def _of_end(result: FilterResult, log: Log, hold_out: float, errors: tuple[Array
     ahead, inside = map(at_stamps, errors)
     share = (t[rows] - begin) / max(float(t[-1] - begin), 1e-9)
     stretch = np.minimum((STRETCHES * share).astype(int), STRETCHES - 1)
-    return Judged(ahead, inside, at_stamps(_used(result)[:, None])[:, 0], stretch)
+    unsettled = t[rows] < settled_at(log.t + log.start, result.params)
+    used = np.where(unsettled, np.nan, at_stamps(_used(result)[:, None])[:, 0])
+    return Judged(ahead, inside, used, stretch)
 
 
 def _stamps(log: Log) -> Array:

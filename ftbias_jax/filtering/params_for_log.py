@@ -10,7 +10,7 @@ from ftbias_jax.filtering.joint_filter import first_measured, init
 from ftbias_jax.filtering.likelihood import measured_length, nats_in_pieces
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, options_from_setup, predict_wrench
 from ftbias_jax.filtering.process_models import JOINT_MODELS
-from ftbias_jax.filtering.samples import first_position, pad, samples_from_log
+from ftbias_jax.filtering.samples import arrays_from_log, first_position, pad, samples_from_log, without_unsettled
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model
@@ -137,6 +137,11 @@ def without_useless(log: Log, params: Params) -> Log:
         return log
     model = Model(params.arm, params.gravity, params.theta)
     return log._replace(wrench=np.asarray(compose.correct_record(jnp.asarray(log.wrench), model, params.effects)))
+
+
+def useful_samples(log: Log, params: Params) -> Sample:
+    """A whole log as input for a fit, of NumPy arrays, without the readings that the known effects make useless."""
+    return without_unsettled(arrays_from_log(without_useless(log, params)), log.t, params)
 
 
 def rows_of(log: Log, first: int, count: int) -> dict[str, Array]:

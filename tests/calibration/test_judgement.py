@@ -47,10 +47,16 @@ def test_without_correlated_noise_bias_and_drift_go_on():
     np.testing.assert_allclose(prediction_errors(result, noise(), 1.0)[8:], 0, atol=1e-12)
 
 
-def test_what_was_not_used_is_not_judged():
-    used = T > 3
+@pytest.mark.parametrize(
+    ("used", "judged"),
+    [
+        ((T <= 0.5) | (T > 3), T > 3),
+        (T >= 2, T >= 3),  # before the first reading that counts nothing is predicted
+    ],
+)
+def test_what_was_not_used_is_not_judged(used, judged):
     result = filtered(np.ones((len(T), 6)), -1.0, 0.0, 0.0, used)
-    assert (np.isfinite(prediction_errors(result, noise(), 1.0)).all(1) == used).all()
+    np.testing.assert_array_equal(np.isfinite(prediction_errors(result, noise(), 1.0)).all(1), judged)
 
 
 def test_an_axis_is_worse_where_chance_does_not_explain_it():

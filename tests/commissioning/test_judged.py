@@ -9,6 +9,7 @@ from made_judged import STRETCH, T, judged
 from ftbias_jax.calibration.judgement import HORIZONS
 from ftbias_jax.cli.commands import demo
 from ftbias_jax.commissioning.judged import HEAD, compare, judge, table
+from ftbias_jax.filtering.samples import FORGOTTEN
 from ftbias_jax.model.simulate_log import simulate
 from ftbias_jax.setup import parse_setup
 
@@ -77,6 +78,23 @@ def test_the_table_has_a_row_for_each_horizon_and_a_dash_for_what_is_not_known()
     np.testing.assert_allclose([float(x) for x in rows[0][2:8]], 2, rtol=0.1)
     assert set(rows[1][2:8]) == {"-"}
     assert rows[0][8:] == ("95 %", "100 %")
+
+
+def test_to_wait_until_a_lag_is_forgotten_costs_nothing():
+    """What the sensor read before the log began is in its first readings, and a setup that says so is no worse."""
+    lagging = replace(SETUP, effects={"low_pass": {"cutoff": 1.0}})
+    log = _cut(simulate(lagging, duration=12, rate=50, seed=3).log, 200)
+    without, knowing = (judge(setup, [log], 1.0) for setup in (SETUP, lagging))
+    waited = np.isnan(knowing.used)
+    assert waited.sum() == pytest.approx(-50 * np.log(FORGOTTEN) / (2 * np.pi), abs=1)
+    assert waited[: waited.sum()].all()
+    assert not compare(knowing, without).costs
+    assert compare(knowing, without).share < 0
+
+
+def _cut(log, first):
+    rows = {name: getattr(log, name)[first:] for name in ("q", "dq", "wrench", "temperature")}
+    return log._replace(t=log.t[first:] - log.t[first], **rows)
 
 
 def test_setups_that_leave_out_samples_are_compared_with_those_that_do_not():

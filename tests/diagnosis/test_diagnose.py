@@ -48,6 +48,18 @@ def test_a_wrong_mass_is_named_measured_and_removed(setup, record):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("stated", [{}, {"low_pass": {"cutoff": 0.4}}])
+def test_what_a_lag_remembers_of_the_time_before_the_log_is_no_cause(setup, record, stated):
+    log = record({"low_pass": {"cutoff": jnp.array(0.4)}})
+    rows = {name: getattr(log, name)[500:] for name in ("q", "dq", "wrench", "temperature")}
+    log = log._replace(t=log.t[500:] - log.t[500], **rows)
+    diagnosis = diagnose(replace(setup, effects=stated), [log], ["cut"])
+    assert [cause.effect for cause in diagnosis.causes] == ([] if stated else ["low_pass"])
+    assert diagnosis.terms == ()
+    assert diagnosis.verdict == ("none" if stated else "explained")
+
+
+@pytest.mark.slow
 def test_a_tool_on_one_hinge_is_named_with_its_share(setup, record):
     share = np.array([0, 0, 0, 0.7, 0, 0])
     loose = {"frequency": jnp.array(5.0), "damping_ratio": jnp.array(0.04), "share": share, "sagging": jnp.array(1.0)}

@@ -9,7 +9,9 @@ import pytest
 
 from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.diagnosis.problem import Problem, make_problem, noise_on_lattice
+from ftbias_jax.diagnosis.regression.evaluate import whitened
 from ftbias_jax.diagnosis.samples.bins import BINS, bins_of, mean_of_bins
+from ftbias_jax.filtering.samples import FORGOTTEN
 from ftbias_jax.model.simulate_log import simulate
 from ftbias_jax.setup import parse_setup
 
@@ -47,6 +49,24 @@ def test_a_sensor_that_a_stated_effect_makes_quieter_has_noise_all_the_same():
         problem, _ = make_problem(setup, [simulate(setup, duration=4, rate=100, seed=1).log])
     (part,) = problem.parts
     assert (np.asarray(part.wrench.variance) > 0).all()
+
+
+def test_a_log_that_begins_in_motion_is_silent_until_a_lag_is_forgotten():
+    setup, effects = parse_setup(SETUP), {"low_pass": {"cutoff": 1.0}}
+    with jax.enable_x64(True):
+        log = simulate(setup, duration=12, rate=50, seed=1).log
+        resting = log._replace(q=np.broadcast_to(log.q[0], log.q.shape), dq=np.zeros_like(log.dq))
+        problem, _ = make_problem(setup, [log, resting])
+        settled = problem.settled(effects)
+    early = problem.t < -np.log(FORGOTTEN) / (2 * np.pi)
+    assert 0.05 < early[problem.log == 0].mean() < 0.1
+    moving, rested = (np.where(problem.log == i, early, False) for i in (0, 1))
+    np.testing.assert_array_equal(settled.samples, np.where(moving[:, None], 0, problem.samples))
+    white = whitened(settled, np.ones((1, len(problem.t), 6)))[0]
+    assert not white[moving].any()
+    assert white[rested].any()
+    assert settled.parts[1] is problem.parts[1]
+    assert problem.settled({}) is problem
 
 
 def test_blocks_do_not_reach_over_two_logs():

@@ -19,7 +19,7 @@ from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.process_models import drift_noise
 from ftbias_jax.filtering.quality import summary as summaries
 from ftbias_jax.filtering.result import Filtered, named_arrays
-from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.filtering.samples import FORGOTTEN, samples_from_log
 from ftbias_jax.filtering.smoother import smooth_track
 from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
@@ -106,6 +106,14 @@ def test_a_saturated_sample_is_not_used(params, log):
     used = params_for_log.without_useless(clipped, params._replace(effects={"saturation": {"limits": limits}})).wrench
     np.testing.assert_array_equal(used, np.where(np.abs(clipped.wrench) == limits, np.nan, log.wrench))
     assert np.isnan(used).sum() > np.isnan(log.wrench).sum()
+
+
+def test_a_fit_uses_what_is_left_once_a_lag_is_forgotten(params, log):
+    used = params_for_log.useful_samples(log, params._replace(effects={"low_pass": {"cutoff": 20.0}})).wrench
+    early = log.t - log.t[0] < -np.log(FORGOTTEN) / (2 * np.pi * 20.0)
+    assert early.any()
+    np.testing.assert_array_equal(used, np.where(early[:, None], np.nan, log.wrench))
+    np.testing.assert_array_equal(params_for_log.useful_samples(log, params).wrench, log.wrench)
 
 
 def test_smoothing_is_that_of_the_samples_that_passed_the_gate(params, samples, log):

@@ -50,7 +50,7 @@ def test_a_swing_begun_otherwise_is_forgotten_by_then():
     ],
 )
 def test_the_wait_is_that_of_the_longest_memory_within_bounds(effects, wait):
-    assert settled_at(T + 3, params_with(**effects)) == pytest.approx(3 + wait)
+    assert settled_at(2 * T + 3, params_with(**effects)) == pytest.approx(3 + wait)
     short = T[:11]
     assert settled_at(short, params_with(**effects)) == pytest.approx(min(wait, MOST * short[-1]))
 
