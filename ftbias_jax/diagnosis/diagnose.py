@@ -164,7 +164,7 @@ def explain(
         not_tested=_not_tested(setup, problem, without),
         series=show(problem, base, answer.accepted, before, answer.after),
         logs=tuple(names),
-        repairs=tuple(log.repairs for log in logs),
+        repairs=tuple((*log.repairs, *part.remarks) for log, part in zip(logs, problem.parts, strict=True)),
         by_log=compare(problem, names, answer.accepted if causes else base, before, answer.after),
         setup_name=Path(setup.path).name,
         own_effects=setup.own_effects,

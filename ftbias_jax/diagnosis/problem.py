@@ -20,10 +20,11 @@ from ftbias_jax.filtering import bias_filter, params_for_log
 from ftbias_jax.filtering.likelihood import WrenchProblem
 from ftbias_jax.filtering.method.look import Touched, contacts_in, scatter_at_rest
 from ftbias_jax.filtering.noise.contact import in_contact
+from ftbias_jax.filtering.noise.joint_scatter import remark_of_joints
 from ftbias_jax.filtering.noise.log_noise import MARGIN, by_axis
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import waiting
-from ftbias_jax.io.log import Log
+from ftbias_jax.io.log import Log, Repairs
 from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue
 from ftbias_jax.model.effects.compose import fill_temperature
 from ftbias_jax.model.effects.types import Model, Signals, Values
@@ -56,6 +57,8 @@ class Part(NamedTuple):
     """(U, 6) N^2, Nm^2: what averaging over a bin does not reduce of the noise, most of it the error of the joints."""
     unseen: np.ndarray = np.zeros(6)
     """(6,) N, Nm: standard deviation of the tool's wrench by accelerations that nobody recorded."""
+    remarks: Repairs = ()
+    """What the log's owner should know."""
 
     def with_variance(self, variance: np.ndarray) -> Self:
         """The same log with another noise of its mean readings, (B, 6) N^2, Nm^2."""
@@ -205,7 +208,8 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     late = float(np.max(found.jitter.parameters["std"])) if found.jitter.detected else 0.0
     of_samples, catalogue = (late * rate) ** 2 + found.in_motion.variance(speed), catalogue_of_setup(setup)
     part, count = _bin(params, log, joints, joint_variance + coherent, of_samples, found, catalogue)
-    part = part._replace(touched=contacts, unseen=np.sqrt(unknown_acceleration(setup)))
+    of_joints = remark_of_joints(setup, params)
+    part = part._replace(touched=contacts, unseen=np.sqrt(unknown_acceleration(setup)), remarks=of_joints)
     return part, count, params.effects or {}, found
 
 

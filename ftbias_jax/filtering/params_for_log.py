@@ -8,6 +8,7 @@ from jaxtyping import Float
 from ftbias_jax.filtering.fast.scan import Inputs
 from ftbias_jax.filtering.joint_filter import first_measured, init
 from ftbias_jax.filtering.likelihood import measured_length, nats_in_pieces
+from ftbias_jax.filtering.noise.joint_scatter import no_less_than_shown
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, options_from_setup, predict_wrench
 from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.filtering.samples import arrays_from_log, first_position, pad, samples_from_log, without_unsettled
@@ -54,8 +55,12 @@ def guard_against_lag(params: Params) -> Params:
 
 
 def likeliest_params(setup: Setup, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Params:
-    """Parameters from a setup; a joint process noise the setup leaves open is the likeliest of the log."""
+    """Parameters from a setup, with no less noise of the joints than the log shows.
+
+    A process noise of the joints that the setup leaves open is the likeliest of the log.
+    """
     params = zeroed_at(params_from_setup(setup, samples.q.dtype), setup, first_position(samples.q))
+    params = params._replace(joint=no_less_than_shown(params.joint, samples))
     if setup.joints.process_noise_density is not None:
         return params
     part = jax.tree.map(lambda x: x[:MOST_SAMPLES], samples)

@@ -14,6 +14,7 @@ from ftbias_jax.filtering.method.work import Infos, States
 from ftbias_jax.filtering.noise.blocks import layout_of
 from ftbias_jax.filtering.noise.contact import Contact, in_contact
 from ftbias_jax.filtering.noise.fit_noise import without_nothing
+from ftbias_jax.filtering.noise.joint_scatter import no_less_than_shown
 from ftbias_jax.filtering.noise.log_noise import LogNoise, nothing, told
 from ftbias_jax.filtering.params_for_log import without_useless, zeroed_at
 from ftbias_jax.filtering.pipeline import options_from_setup
@@ -61,6 +62,7 @@ def ready_to_filter(
     (log,) = parts(length)
     log = without_useless(log, params)
     samples = samples_of(params, log)
+    params = params._replace(joint=no_less_than_shown(params.joint, samples)) if adapt else params
     layout = layout_of(samples.dt)
 
     def run(method: tuple[str, ...]) -> tuple[Params, States, Infos]:

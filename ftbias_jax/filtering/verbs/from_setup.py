@@ -11,6 +11,7 @@ from ftbias_jax.check.check_setup import check_parts, check_setup
 from ftbias_jax.check.result import Check
 from ftbias_jax.errors import FtbiasError
 from ftbias_jax.filtering.method.ready import ready_to_filter
+from ftbias_jax.filtering.noise.joint_scatter import remark_of_joints
 from ftbias_jax.filtering.noise.log_noise import remarks_of_noise
 from ftbias_jax.filtering.quality import contacts, observability, summary
 from ftbias_jax.filtering.quality.at_rest import weight_in_bias
@@ -182,7 +183,7 @@ def filter_with_setup(
         write(results(), lambda: About(log.frame, origin, [x.plain() for x in contacts.finish(touches)]))
         assert tally.last is not None  # no log is empty
         filtered = tally.last
-    of_noise = remarks_of_noise(ready.noise)
+    of_noise = (*remark_of_joints(setup, ready.params), *remarks_of_noise(ready.noise))
     return FilterResult(
         **named_arrays(filtered),
         params=ready.params,

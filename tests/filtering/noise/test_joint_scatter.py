@@ -1,0 +1,84 @@
+"""The noise of measured joints, told from their motion."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+
+from ftbias_jax.cli.commands.demo import SETUP
+from ftbias_jax.filtering.noise.joint_scatter import no_less_than_shown, remark_of_joints, scatter
+from ftbias_jax.filtering.params_for_log import likeliest_params
+from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.model.params import params_from_setup
+from ftbias_jax.model.simulate_log import simulate
+from ftbias_jax.setup import parse_setup
+
+STD = 2e-5
+T = np.arange(8000) / 250
+SPEEDS = np.array([0.02, 0.3, 2.0])
+"""Largest ones, rad/s."""
+
+
+def moving(t):
+    return 0.5 * SPEEDS * np.sin(2 * t[:, None] + np.arange(3))
+
+
+def noisy(t, std=STD):
+    return moving(t) + std * np.random.default_rng(0).normal(size=(len(t), 3))
+
+
+def test_white_noise_is_measured_at_any_speed():
+    np.testing.assert_allclose(scatter(T, noisy(T)), STD, rtol=0.15)
+
+
+def test_motion_is_no_noise():
+    assert (scatter(T, moving(T)) < 0.01 * STD).all()
+    slow = np.arange(400) / 4
+    assert not scatter(slow, moving(slow)).any()
+
+
+@pytest.mark.parametrize("degrees", [0.01, 0.05])
+def test_rounding_is_that_of_the_step_whether_or_not_it_looks_white(degrees):
+    step = np.radians(degrees)
+    found = scatter(T, step * np.round(noisy(T, 1e-7) / step))
+    assert (found >= 0.99 * step / np.sqrt(12)).all()
+    assert (found[1:] < 1.3 * step / np.sqrt(12)).all()
+
+
+def test_a_slower_stream_has_the_noise_that_it_has():
+    """Its rows are missing, or repeated, in between."""
+    every = T[::4]
+    slower = noisy(every)
+    missing = np.full((len(T), 3), np.nan)
+    missing[::4] = slower
+    for values in (np.repeat(slower, 4, axis=0), missing):
+        np.testing.assert_allclose(scatter(T, values), STD, rtol=0.2)
+
+
+def test_pauses_and_joints_at_rest_do_not_count():
+    values, t = noisy(T), T + 3.0 * (T > 4.0)
+    values[3000:7000] = values[3000]
+    np.testing.assert_allclose(scatter(t, values), STD, rtol=0.2)
+    assert not scatter(T, np.broadcast_to(values[0], values.shape)).any()
+    assert not scatter(T[:20], values[:20]).any()
+
+
+@pytest.mark.parametrize("wide", [True, False])
+def test_what_is_stated_too_small_is_taken_from_the_log_and_told(wide):
+    setup = parse_setup(SETUP)
+    log = simulate(setup, duration=20, rate=100, seed=2).log
+    with jax.enable_x64(wide):
+        samples, stated = samples_from_log(log), params_from_setup(setup)
+        same = no_less_than_shown(stated.joint, samples)
+        for one, other in zip(same, stated.joint, strict=True):
+            np.testing.assert_array_equal(one, other)
+            assert one.dtype == other.dtype
+        assert remark_of_joints(setup, stated) == ()
+        quiet = replace(setup, joints=replace(setup.joints, position_noise_std=setup.joints.position_noise_std / 5))
+        params = likeliest_params(quiet, samples)
+        np.testing.assert_allclose(params.joint.position_std, stated.joint.position_std, rtol=0.3)
+        np.testing.assert_array_equal(params.joint.velocity_std, stated.joint.velocity_std)
+        (said,) = remark_of_joints(quiet, params)
+    assert said.what.startswith("joint positions scatter")
+    assert not said.lost
