@@ -14,7 +14,7 @@ from ftbias_jax.model.params import JointNoise, Params
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array, Sample
 
-STRETCHES, SAMPLES = 4, 512
+STRETCHES, SAMPLES = 16, 128
 """Of a log, that are looked at: so many, of so many samples, evenly spread."""
 LOW, HIGH = 4, 6
 """Orders of differences: each takes away more of a motion, and makes the same of white noise."""
