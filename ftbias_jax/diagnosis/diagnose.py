@@ -180,7 +180,7 @@ def explain(
 def ready(setup: Setup, logs: Sequence[Log], facts: Sequence[Facts]) -> tuple[Setup, list[Log]]:
     """Logs without what no fit can use, of which is known what a survey finds, and the setup with the tool's weight."""
     pairs = zip(logs, facts, strict=True)
-    logs = [without_long_pauses(clean(log, known, clipped=False, held=False)) for log, known in pairs]
+    logs = [without_long_pauses(clean(log, known, clipped=False, held=("q", "dq"))) for log, known in pairs]
     with_tool, of_tool = weight_in_bias(setup, slices(*logs))
     return with_tool, [log._replace(repairs=(*log.repairs, *of_tool)) for log in logs]
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import FURTHER
-from ftbias_jax.io.cleaning import clean
+from ftbias_jax.io.cleaning import STREAMS, clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.remote import opened
 from ftbias_jax.io.ros.read import read_ros
@@ -36,7 +36,7 @@ def read_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
         LogError: the file cannot be read, or cannot be filtered with this setup (see ``check_log``).
     """
     log = read_recorded(path, setup, salvage=salvage)
-    return clean(log, clipped=not raw, stuck=not raw, held=not raw, file=os.fspath(path))
+    return clean(log, clipped=not raw, stuck=not raw, held=() if raw else STREAMS, file=os.fspath(path))
 
 
 def read_motion(path: str | os.PathLike[str], setup: Setup) -> Log | Poses:
@@ -125,7 +125,7 @@ def log_of_arrays(
         **{f"{FURTHER}{name}": values for name, values in (columns or {}).items()},
     }
     log = log_from_arrays({name: values for name, values in arrays.items() if values is not None}, setup)
-    return clean(log, clipped=not raw, stuck=not raw, held=not raw)
+    return clean(log, clipped=not raw, stuck=not raw, held=() if raw else STREAMS)
 
 
 Log.from_arrays = staticmethod(log_of_arrays)  # type: ignore[method-assign]

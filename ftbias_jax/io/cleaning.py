@@ -3,7 +3,7 @@
 A log may come in parts, and is then cleaned as if it were whole.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -43,26 +43,33 @@ class Facts(NamedTuple):
 
 
 def clean(
-    log: Log, facts: Facts | None = None, *, clipped: bool = True, stuck: bool = True, held: bool = True, file: str = ""
+    log: Log,
+    facts: Facts | None = None,
+    *,
+    clipped: bool = True,
+    stuck: bool = True,
+    held: Collection[str] = STREAMS,
+    file: str = "",
 ) -> Log:
     """The log without samples of clipped and stuck axes and repeats; ``repairs`` names them, left out or not.
 
-    ``facts`` are what must be known of it, by ``survey``; None = they are not known yet.
+    ``facts`` are what must be known of it, by ``survey``; None = they are not known yet. ``held`` are the arrays of the
+    log of which repeats are left out.
     """
     facts = facts or survey(slices(log))
     if any(repair.what.endswith(CLEANED) for repair in log.repairs):
         facts = facts._replace(missing=())  # what is, was taken out here
-    known = findings(facts, clipped=False, stuck=False, held=False)
+    known = findings(facts, clipped=False, stuck=False, held=())
     repairs = (*(repair for repair in log.repairs if repair not in known), *findings(facts, clipped, stuck, held))
     check_rest(facts, clipped, stuck, file)
     return leave_out(log, facts, clipped, stuck, held)._replace(repairs=repairs)
 
 
-def leave_out(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True, held: bool = True) -> Log:
+def leave_out(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True, held: Collection[str] = STREAMS) -> Log:
     """A log, or a part of it, in which samples of clipped and stuck axes, and repeats, are not measured."""
     columns: dict[str, Any] = {}
-    for name, (_, t) in facts.held.items() if held else ():
-        repeats = np.isin(log.t, t, assume_unique=True)
+    for name in facts.held.keys() & held:
+        repeats = np.isin(log.t, facts.held[name][1], assume_unique=True)
         columns[name] = np.where(repeats[:, None], np.nan, getattr(log, name))
     log = log._replace(**columns)
     ends = [axis.limits if clipped and axis.clipped else Saturation(np.nan, np.nan) for axis in facts.axes]
@@ -72,11 +79,11 @@ def leave_out(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True, 
     return log._replace(wrench=mask(log.t, log.wrench, ends, stretches))
 
 
-def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: bool = True) -> Repairs:
+def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: Collection[str] = STREAMS) -> Repairs:
     """What is wrong with the axes of the wrench and with the rates, one line a fault; see ``clean``."""
     found = []
     for name, (stream, t) in facts.held.items():
-        used = ": each reading is used once" if held else ""
+        used = ": each reading is used once" if name in held else ""
         repeats = f"{len(t)} of {len(stream.repeats)} repeat{used}"
         found.append(Repair(f"{STREAMS[name]} held for up to {stream.samples} samples, {repeats}"))
     axes = dict(zip(AXES, facts.axes, strict=True))

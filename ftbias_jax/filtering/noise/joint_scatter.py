@@ -1,7 +1,8 @@
-"""How much measured joints scatter, by what no motion can cause: noise that is larger than stated, rounding too.
+"""Joints that are noisier than stated, by what no motion can cause, and velocities that are not those of the positions.
 
-A logger that writes degrees with two decimals makes positions ten times as noisy as their encoder. If they are believed
-as stated, the wrench of the tool has errors of accelerations that nobody made, which look like a filter in the sensor.
+A logger that writes degrees with two decimals makes positions ten times as noisy as their encoder, and a controller
+that smooths velocities makes them late. If they are believed as stated, the wrench of the tool has errors of
+accelerations that nobody made, which look like a filter in the sensor.
 """
 
 from math import comb
@@ -30,24 +31,81 @@ WHOLE = 0.05
 """By which a multiple of the step of rounding may be no whole number."""
 LOUDER = 1.25
 """Times the stated noise; less is chance."""
+WINDOW, LEAST_WINDOWS, FAR = 32, 16, 4.0
+"""Rows over which velocities must add up to the change of the positions, how many such windows tell, and times the
+usual step of time that there may be between two rows."""
+ALIKE = 0.1
+"""Of the noise of a difference of two positions by its time: velocities nearer to it were worked out so."""
+UNUSED = 1e3
+"""rad/s, noise of velocities that tell nothing."""
 
 
 def no_less_than_shown(noise: JointNoise, samples: Sample) -> JointNoise:
     """Measurement noise as stated, or as large as a log shows it to be where that is clearly more.
 
+    That of velocities that do not follow the positions, or were worked out from them, is UNUSED.
+
     Args:
         noise: as stated.
         samples: of one log, leaves (T, ...).
     """
-    t = np.cumsum(np.asarray(samples.dt, np.float64))
+    dt, q, dq = (np.asarray(x, np.float64) for x in (samples.dt, samples.q, samples.dq))
+    rows = _spread(len(dt))
+    t, q, dq = np.cumsum(dt)[rows], q[rows], dq[rows]
 
-    def of(stated: Array, values: Array) -> Any:
-        shown = scatter(t, np.asarray(values, np.float64))
+    def of(stated: Array, shown: Array) -> Any:
         return np.asarray(np.where(shown > LOUDER * np.asarray(stated), shown, stated), stated.dtype)
 
     return noise._replace(
-        position_std=of(noise.position_std, samples.q), velocity_std=of(noise.velocity_std, samples.dq)
+        position_std=of(noise.position_std, scatter(t, q)),
+        velocity_std=of(noise.velocity_std, np.where(departs(t, q, dq) | derived(t, q, dq), UNUSED, scatter(t, dq))),
     )
+
+
+def _spread(length: int) -> Array:
+    """Rows of a log that are looked at."""
+    starts = np.linspace(0, max(0, length - SAMPLES), STRETCHES if length > SAMPLES else 1).astype(int)
+    rows: Array = (starts[:, None] + np.arange(min(SAMPLES, length))).ravel()
+    return rows
+
+
+def departs(t: Array, q: Array, dq: Array) -> Array:
+    """Whether (n,) velocities (T, n) add up to other changes than those of positions (T, n) at t (T,) s.
+
+    Over windows of some rows what is off is compared with the change of the velocity, as of one that lags, and with the
+    path, as of one of another scale: these explain more of it than they leave. Or else the velocity never changes.
+    """
+    known = np.isfinite(q).all(1) & np.isfinite(dq).all(1)
+    count = int(known.sum()) // WINDOW
+    if count < LEAST_WINDOWS:
+        return np.zeros(q.shape[1], bool)
+    t, q, dq = (x[known][: count * WINDOW].reshape(count, WINDOW, *x.shape[1:]) for x in (t, q, dq))
+    steps = np.diff(t, axis=1)
+    near = steps.max(1) < FAR * np.median(steps)
+    path = (steps[..., None] * (dq[:, 1:] + dq[:, :-1]) / 2).sum(1)[near]
+    # Of a velocity that bends, trapezoids miss what its slope at the end has more than at the start (Gregory's rule).
+    path -= np.median(steps) / 12 * (dq[:, -1] - dq[:, -2] - dq[:, 1] + dq[:, 0])[near]
+    off = (q[:, -1] - q[:, 0])[near] - path
+    causes = np.stack([(dq[:, -1] - dq[:, 0])[near], path])
+    normal = np.einsum("iwn,jwn->nij", causes, causes)
+    normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 1e-30 * np.eye(2)
+    share = np.linalg.solve(normal, np.einsum("iwn,wn->ni", causes, off)[..., None])[..., 0]
+    explained = np.einsum("ni,iwn->wn", share, causes)
+    found: Array = (explained**2).sum(0) > ((off - explained) ** 2).sum(0)
+    return (found | (dq == dq[0, 0]).all((0, 1))) & (near.sum() >= LEAST_WINDOWS)
+
+
+def derived(t: Array, q: Array, dq: Array) -> Array:
+    """Whether (n,) velocities (T, n) are differences of the positions (T, n), whose noise is then in both."""
+    known = np.isfinite(q).all(1) & np.isfinite(dq).all(1)
+    if known.sum() < FEWEST:
+        return np.zeros(q.shape[1], bool)
+    noise, t, q, dq = scatter(t, q), t[known, None], q[known], dq[known]
+    slopes = np.diff(q, axis=0) / np.diff(t, axis=0)
+    central = (q[2:] - q[:-2]) / (t[2:] - t[:-2])
+    off = [np.median(np.abs(dq[1:-1] - x), axis=0) for x in (central, slopes[:-1], slopes[1:])]
+    found: Array = np.min(off, axis=0) < ALIKE * noise / np.median(np.diff(t, axis=0))
+    return found
 
 
 def scatter(t: Array, values: Array) -> Array:
@@ -57,9 +115,6 @@ def scatter(t: Array, values: Array) -> Array:
     of rounding. Rows that repeat the one before say nothing: there the joints rest, or their stream is slower than the
     log.
     """
-    starts = np.linspace(0, max(0, len(t) - SAMPLES), STRETCHES if len(t) > SAMPLES else 1).astype(int)
-    rows = (starts[:, None] + np.arange(min(SAMPLES, len(t)))).ravel()
-    t, values = t[rows], values[rows]
     new = np.isfinite(values).all(1) & (np.diff(values, axis=0, prepend=np.nan) != 0).any(1)
     t, values = t[new], values[new]
     if len(t) < FEWEST:
@@ -100,8 +155,10 @@ def remark_of_joints(setup: Setup, params: Params) -> Repairs:
         ("velocity", "rates of the pose" if of_pose else "joint velocities", params.joint.velocity_std),
     ):
         ratio = float(np.max(np.asarray(shown) / getattr(setup.joints, f"{key}_noise_std")))
-        if ratio > LOUDER:
+        if np.max(shown) >= UNUSED:
             told.append(
-                Repair(f"{what} scatter {ratio:.2g} times as much as the setup states: their noise is the log's")
+                f"{what} tell nothing beside the positions, being late, of another scale, or their differences: not used"
             )
-    return tuple(told)
+        elif ratio > LOUDER:
+            told.append(f"{what} scatter {ratio:.2g} times as much as the setup states: their noise is that of the log")
+    return tuple(map(Repair, told))

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from ftbias_jax.cli.commands.demo import SETUP
-from ftbias_jax.filtering.noise.joint_scatter import no_less_than_shown, remark_of_joints, scatter
+from ftbias_jax.filtering.noise.joint_scatter import (
+    UNUSED,
+    departs,
+    derived,
+    no_less_than_shown,
+    remark_of_joints,
+    scatter,
+)
 from ftbias_jax.filtering.params_for_log import likeliest_params
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.model.params import params_from_setup
@@ -62,6 +69,51 @@ def test_pauses_and_joints_at_rest_do_not_count():
     np.testing.assert_allclose(scatter(t, values), STD, rtol=0.2)
     assert not scatter(T, np.broadcast_to(values[0], values.shape)).any()
     assert not scatter(T[:20], values[:20]).any()
+
+
+def lagging(values, seconds):
+    share = -np.expm1(-np.diff(T) / seconds)
+    late = values.copy()
+    for i in range(1, len(T)):
+        late[i] = late[i - 1] + share[i - 1] * (values[i] - late[i - 1])
+    return late
+
+
+@pytest.mark.parametrize(
+    ("changed", "which"),
+    [
+        (lambda dq: dq, [False, False, False]),
+        (lambda dq: lagging(dq, 0.02), [True, True, True]),
+        (lambda dq: dq * [1.0, 1.02, 0.98], [False, True, True]),
+        (lambda dq: np.where(np.arange(len(T))[:, None] % 8, np.nan, dq), [False, False, False]),
+        (lambda dq: np.zeros_like(dq), [True, True, True]),
+        (lambda dq: np.full_like(dq, np.nan), [False, False, False]),
+    ],
+)
+def test_velocities_must_add_up_to_the_change_of_the_positions(changed, which):
+    exact = SPEEDS * np.cos(2 * T[:, None] + np.arange(3))
+    dq = changed(exact + 1e-4 * np.random.default_rng(1).normal(size=exact.shape))
+    np.testing.assert_array_equal(departs(T, noisy(T), dq), which)
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_differences_of_positions_are_no_measurement(late):
+    q = noisy(T)
+    slopes = np.diff(q, axis=0, prepend=q[:1] - 0.01) * 250 if late else np.gradient(q, T, axis=0)
+    assert derived(T, q, slopes).all()
+    assert not derived(T, q, slopes + STD * 250 * np.random.default_rng(1).normal(size=q.shape)).any()
+    exact = SPEEDS * np.cos(2 * T[:, None] + np.arange(3))
+    assert not derived(T, q, exact).any()
+
+
+def test_velocities_that_do_not_follow_are_not_used_and_that_is_told():
+    setup = parse_setup(SETUP)
+    log = simulate(setup, duration=20, rate=100, seed=2).log
+    with jax.enable_x64(True):
+        params = likeliest_params(setup, samples_from_log(log._replace(dq=0.9 * log.dq)))
+    assert (params.joint.velocity_std >= UNUSED).all()
+    (said,) = remark_of_joints(setup, params)
+    assert said.what.startswith("joint velocities are late")
 
 
 @pytest.mark.parametrize("wide", [True, False])
