@@ -156,9 +156,7 @@ def remark_of_joints(setup: Setup, params: Params) -> Repairs:
     ):
         ratio = float(np.max(np.asarray(shown) / getattr(setup.joints, f"{key}_noise_std")))
         if np.max(shown) >= UNUSED:
-            told.append(
-                f"{what} tell nothing beside the positions, being late, of another scale, or their differences: not used"
-            )
+            told.append(f"{what} are late, of another scale, or worked out from the positions: they are not used")
         elif ratio > LOUDER:
             told.append(f"{what} scatter {ratio:.2g} times as much as the setup states: their noise is that of the log")
     return tuple(map(Repair, told))
