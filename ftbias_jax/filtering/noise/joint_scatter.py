@@ -34,6 +34,8 @@ LOUDER = 1.25
 WINDOW, LEAST_WINDOWS, FAR = 32, 16, 4.0
 """Rows over which velocities must add up to the change of the positions, how many such windows tell, and times the
 usual step of time that there may be between two rows."""
+MORE = 4.0
+"""Variances of a position by which such windows are off at least: twice what the noise of two positions makes."""
 ALIKE = 0.1
 """Of the noise of a difference of two positions by its time: velocities nearer to it were worked out so."""
 UNUSED = 1e3
@@ -56,10 +58,11 @@ def no_less_than_shown(noise: JointNoise, samples: Sample) -> JointNoise:
     def of(stated: Array, shown: Array) -> Any:
         return np.asarray(np.where(shown > LOUDER * np.asarray(stated), shown, stated), stated.dtype)
 
-    return noise._replace(
-        position_std=of(noise.position_std, scatter(t, q)),
-        velocity_std=of(noise.velocity_std, np.where(departs(t, q, dq) | derived(t, q, dq), UNUSED, scatter(t, dq))),
-    )
+    of_positions = scatter(t, q)
+    position_std = of(noise.position_std, of_positions)
+    useless = departs(t, q, dq, position_std) | derived(t, q, dq, of_positions)
+    of_velocities = np.where(useless, UNUSED, scatter(t, dq))
+    return noise._replace(position_std=position_std, velocity_std=of(noise.velocity_std, of_velocities))
 
 
 def _spread(length: int) -> Array:
@@ -69,11 +72,12 @@ def _spread(length: int) -> Array:
     return rows
 
 
-def departs(t: Array, q: Array, dq: Array) -> Array:
+def departs(t: Array, q: Array, dq: Array, position_std: Array) -> Array:
     """Whether (n,) velocities (T, n) add up to other changes than those of positions (T, n) at t (T,) s.
 
-    Over windows of some rows what is off is compared with the change of the velocity, as of one that lags, and with the
-    path, as of one of another scale: these explain more of it than they leave. Or else the velocity never changes.
+    Over windows of some rows what is off, if it is more than noise of the positions, (n,) rad, is compared with the
+    change of the velocity, as of one that lags, and with the path, as of one of another scale: these explain more of it
+    than they leave. Or else the velocity never changes.
     """
     known = np.isfinite(q).all(1) & np.isfinite(dq).all(1)
     count = int(known.sum()) // WINDOW
@@ -91,16 +95,18 @@ def departs(t: Array, q: Array, dq: Array) -> Array:
     normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 1e-30 * np.eye(2)
     share = np.linalg.solve(normal, np.einsum("iwn,wn->ni", causes, off)[..., None])[..., 0]
     explained = np.einsum("ni,iwn->wn", share, causes)
-    found: Array = (explained**2).sum(0) > ((off - explained) ** 2).sum(0)
-    return (found | (dq == dq[0, 0]).all((0, 1))) & (near.sum() >= LEAST_WINDOWS)
+    follows = (explained**2).sum(0) > ((off - explained) ** 2).sum(0)
+    is_off = (off**2).sum(0) > MORE * near.sum() * position_std**2
+    found: Array = (follows | (dq == dq[0, 0]).all((0, 1))) & is_off
+    return found & (near.sum() >= LEAST_WINDOWS)
 
 
-def derived(t: Array, q: Array, dq: Array) -> Array:
-    """Whether (n,) velocities (T, n) are differences of the positions (T, n), whose noise is then in both."""
+def derived(t: Array, q: Array, dq: Array, noise: Array) -> Array:
+    """Whether (n,) velocities (T, n) are differences of positions (T, n), whose noise (n,) is then in both."""
     known = np.isfinite(q).all(1) & np.isfinite(dq).all(1)
     if known.sum() < FEWEST:
         return np.zeros(q.shape[1], bool)
-    noise, t, q, dq = scatter(t, q), t[known, None], q[known], dq[known]
+    t, q, dq = t[known, None], q[known], dq[known]
     slopes = np.diff(q, axis=0) / np.diff(t, axis=0)
     central = (q[2:] - q[:-2]) / (t[2:] - t[:-2])
     off = [np.median(np.abs(dq[1:-1] - x), axis=0) for x in (central, slopes[:-1], slopes[1:])]

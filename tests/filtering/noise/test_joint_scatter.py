@@ -93,17 +93,26 @@ def lagging(values, seconds):
 def test_velocities_must_add_up_to_the_change_of_the_positions(changed, which):
     exact = SPEEDS * np.cos(2 * T[:, None] + np.arange(3))
     dq = changed(exact + 1e-4 * np.random.default_rng(1).normal(size=exact.shape))
-    np.testing.assert_array_equal(departs(T, noisy(T), dq), which)
+    np.testing.assert_array_equal(departs(T, noisy(T), dq, np.full(3, STD)), which)
+
+
+def test_a_planned_motion_is_in_order():
+    """Without noise all that is off is that a sum is no integral."""
+    exact = SPEEDS * np.cos(2 * T[:, None] + np.arange(3))
+    assert not departs(T[::4], moving(T[::4]), exact[::4], np.full(3, STD)).any()
+    resting = np.zeros((len(T), 3))
+    assert not departs(T, resting, resting, np.full(3, STD)).any()
 
 
 @pytest.mark.parametrize("late", [False, True])
 def test_differences_of_positions_are_no_measurement(late):
     q = noisy(T)
     slopes = np.diff(q, axis=0, prepend=q[:1] - 0.01) * 250 if late else np.gradient(q, T, axis=0)
-    assert derived(T, q, slopes).all()
-    assert not derived(T, q, slopes + STD * 250 * np.random.default_rng(1).normal(size=q.shape)).any()
+    noise = np.full(3, STD)
+    assert derived(T, q, slopes, noise).all()
+    assert not derived(T, q, slopes + STD * 250 * np.random.default_rng(1).normal(size=q.shape), noise).any()
     exact = SPEEDS * np.cos(2 * T[:, None] + np.arange(3))
-    assert not derived(T, q, exact).any()
+    assert not derived(T, q, exact, noise).any()
 
 
 def test_velocities_that_do_not_follow_are_not_used_and_that_is_told():

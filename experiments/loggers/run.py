@@ -1,0 +1,133 @@
+"""What loggers and controllers do to joints, done to logs whose setup is right: nothing may be diagnosed.
+
+python experiments/loggers/run.py [--count 12] [--seed 1127] writes result.json beside this script.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import ftbias_jax as ft
+from ftbias_jax.io.cleaning import clean
+
+sys.path[:0] = [str(Path(__file__).parents[1])]
+from common import keep  # noqa: E402
+
+from validation.generator.make import Limits, make_set  # noqa: E402
+
+BEGIN = 0.2
+"""Share of a log before it is cut, so that it begins in motion."""
+LAG = {"low_pass": {"cutoff": 0.4}}
+"""Of the sensor, in logs that begin in motion."""
+WARM_UP = 5.0
+"""s at the start of a log that do not count to the error of the bias."""
+
+
+def rounded(log, degrees):
+    step = np.radians(degrees)
+    return log._replace(q=step * np.round(log.q / step))
+
+
+def lagging(values, t, seconds):
+    """(T, n) behind a low-pass of the first order."""
+    late = values.copy()
+    for i, share in enumerate(-np.expm1(-np.diff(t) / seconds), 1):
+        late[i] = late[i - 1] + share * (values[i] - late[i - 1])
+    return late
+
+
+def held(values, samples):
+    return values[np.arange(len(values)) // samples * samples]
+
+
+def velocities(log):
+    return np.gradient(log.q, log.t, axis=0)
+
+
+CHANGES = {
+    "as recorded": lambda log: log,
+    "no velocities": lambda log: log._replace(dq=np.full_like(log.q, np.nan)),
+    "positions rounded to 0.01 degrees": lambda log: rounded(log, 0.01),
+    "positions rounded to 0.05 degrees, no velocities": lambda log: rounded(
+        log._replace(dq=np.full_like(log.q, np.nan)), 0.05
+    ),
+    "velocities late by 5 ms": lambda log: log._replace(dq=lagging(log.dq, log.t, 0.005)),
+    "velocities late by 20 ms": lambda log: log._replace(dq=lagging(log.dq, log.t, 0.02)),
+    "velocities 2 % too large": lambda log: log._replace(dq=1.02 * log.dq),
+    "velocities are differences of positions": lambda log: log._replace(dq=velocities(log)),
+    "the same, smoothed": lambda log: log._replace(dq=lagging(velocities(log), log.t, 0.02)),
+    "joints held for four samples": lambda log: log._replace(q=held(log.q, 4), dq=held(log.dq, 4)),
+}
+"""Name -> a log as some loggers or controllers write it."""
+STATED = {
+    "noise of positions stated 5 times too small": "position_noise_std",
+    "noise of velocities stated 5 times too small": "velocity_noise_std",
+}
+"""Name -> the key of [joints] that is wrong in the setup."""
+
+
+def bias_error(setup, log, truth):
+    """Root mean square over seconds and axes of the error of the bias, in standard deviations of the noise."""
+    result = ft.filter_log(setup, clean(log))
+    seconds = np.arange(WARM_UP, len(truth) - 1)
+    rows = np.searchsorted(result.t - log.start, seconds)
+    off = (result.bias[rows] - truth[seconds.astype(int)]) / setup.sensor.noise_std
+    return float(np.sqrt((off**2).mean()))
+
+
+def named(setup, log):
+    """Causes and terms that are named, in words."""
+    found = ft.diagnose(setup, [log])
+    return " ".join([cause.effect for cause in found.causes] + ["term" for _ in found.terms]) or "none"
+
+
+def study(setup, log, truth, seed):
+    """(name, what is named, error of the bias over that of the log as recorded or None) of each change."""
+    best = bias_error(setup, log, truth)
+    for name, change in CHANGES.items():
+        changed = change(log)
+        yield name, named(setup, changed), bias_error(setup, changed, truth) / best
+    for name, key in STATED.items():
+        sure = replace(setup, joints=replace(setup.joints, **{key: getattr(setup.joints, key) / 5}))
+        yield name, named(sure, log), bias_error(sure, log, truth) / best
+    lagged = replace(setup, effects=LAG)
+    cut = begun(ft.simulate(lagged, duration=40.0, rate=250.0, seed=seed).log)
+    yield "begins in motion, the sensor lags", named(setup, cut), None
+    yield "the same, with a setup that states the lag", named(lagged, cut), None
+
+
+def begun(log):
+    """The log without its beginning."""
+    first = int(BEGIN * len(log.t))
+    rows = {name: getattr(log, name)[first:] for name in ("q", "dq", "wrench", "temperature")}
+    return log._replace(t=log.t[first:] - log.t[first], **rows)
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--count", type=int, default=12)
+    parser.add_argument("--seed", type=int, default=1127)
+    count, seed = vars(parser.parse_args()).values()
+    table = {}
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        make_set(folder, "none", count, seed, Limits((20.0, 50.0), (125.0, 200.0, 250.0, 400.0), True))
+        truth = json.loads((folder / "truth.json").read_text())
+        for number, path in enumerate(sorted(folder.glob("log_*.npz"))):
+            setup = ft.load_setup(path.with_suffix(".toml"))
+            log = ft.read_log(path, setup, raw=True)
+            for name, found, error in study(setup, log, np.array(truth[path.stem]["bias_1hz"]), seed + number):
+                row = table.setdefault(name, {"named": {}, "bias error over that of the log as recorded": []})
+                row["named"][found] = row["named"].get(found, 0) + 1
+                row["bias error over that of the log as recorded"] += [] if error is None else [round(error, 2)]
+            print(path.stem, flush=True)
+    keep(__file__, table)
+
+
+if __name__ == "__main__":
+    main()
