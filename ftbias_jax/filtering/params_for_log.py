@@ -38,15 +38,17 @@ def params_for_log(setup: Setup, log: Log | Sample, *, guarded: bool = True) -> 
         setup: robot, sensor, tool and noise.
         log: what ``read_log`` gives, or ``samples_from_log`` of it; a joint process noise that the setup leaves open
             is the likeliest of this log.
-        guarded: whether the joints' process noise is that of a filter, LAG_GUARD times as large. False for
-            ``filter_samples``, which smooths the joints.
+        guarded: whether they are those of a filter on the robot: the joints' process noise LAG_GUARD times as large,
+            their measurements as noisy as stated. False for ``filter_samples``, which smooths the joints.
 
     Returns:
         a pytree in JAX's own precision (float32, unless ``jax_enable_x64`` is set).
     """
     samples = samples_from_log(log) if isinstance(log, Log) else log
-    params = likeliest_params(setup, samples, options_from_setup(setup))
-    return guard_against_lag(params) if guarded else params
+    options = options_from_setup(setup)
+    if not guarded:
+        return likeliest_params(setup, samples, options)
+    return guard_against_lag(_with_process_noise(setup, _stated(setup, samples), samples, options))
 
 
 def guard_against_lag(params: Params) -> Params:
@@ -59,8 +61,17 @@ def likeliest_params(setup: Setup, samples: Sample, options: Options = DEFAULT_O
 
     A process noise of the joints that the setup leaves open is the likeliest of the log.
     """
-    params = zeroed_at(params_from_setup(setup, samples.q.dtype), setup, first_position(samples.q))
+    params = _stated(setup, samples)
     params = params._replace(joint=no_less_than_shown(params.joint, samples))
+    return _with_process_noise(setup, params, samples, options)
+
+
+def _stated(setup: Setup, samples: Sample) -> Params:
+    return zeroed_at(params_from_setup(setup, samples.q.dtype), setup, first_position(samples.q))
+
+
+def _with_process_noise(setup: Setup, params: Params, samples: Sample, options: Options) -> Params:
+    """With the likeliest process noise of the joints, if the setup leaves it open."""
     if setup.joints.process_noise_density is not None:
         return params
     part = jax.tree.map(lambda x: x[:MOST_SAMPLES], samples)

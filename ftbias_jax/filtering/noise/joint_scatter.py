@@ -66,10 +66,11 @@ def no_less_than_shown(noise: JointNoise, samples: Sample) -> JointNoise:
 
 
 def _spread(length: int) -> Array:
-    """Rows of a log that are looked at."""
-    starts = np.linspace(0, max(0, length - SAMPLES), STRETCHES if length > SAMPLES else 1).astype(int)
-    rows: Array = (starts[:, None] + np.arange(min(SAMPLES, length))).ravel()
-    return rows
+    """Rows of a log that are looked at: all of a short one."""
+    if length <= STRETCHES * SAMPLES:
+        return np.arange(length)
+    rows: Array = np.linspace(0, length - SAMPLES, STRETCHES).astype(int)[:, None] + np.arange(SAMPLES)
+    return rows.ravel()
 
 
 def departs(t: Array, q: Array, dq: Array, position_std: Array) -> Array:
