@@ -23,6 +23,8 @@ FLAT = 1.5
 """Noise by differences of low order over that of high order: with more of it, motion is in both."""
 LARGE, SHARE = 0.9, 1.6449
 """Quantile of sizes of differences by which noise is measured, and its value for a standard normal."""
+SLOWEST = 1 / 90
+"""s between rows: differences of slower ones hold frequencies, up to 30 Hz, at which arms do vibrate."""
 FEWEST = 100
 """Differences of one column that tell its noise."""
 REGULAR = 0.1
@@ -127,7 +129,8 @@ def scatter(t: Array, values: Array) -> Array:
     if len(t) < FEWEST:
         return np.zeros(values.shape[1])
     steps = np.diff(t)
-    regular = np.abs(steps - np.median(steps)) < REGULAR * np.median(steps)
+    step = np.median(steps)
+    regular = (np.abs(steps - step) < REGULAR * step) & (step < SLOWEST)
     low, high = (_by_differences(values, regular, order) for order in (LOW, HIGH))
     return np.maximum(np.where(low < FLAT * high, high, 0.0), _by_rounding(values))
 
