@@ -15,7 +15,7 @@ from ftbias_jax.model.effects.types import Effect, Values
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array, Sample
 
-FORGOTTEN = 0.01
+FORGOTTEN = 0.003
 """Share of what a memory held at the first sample that no longer matters."""
 LONGEST, MOST = 3.0, 0.1
 """s, and share of the log, that are left out at most: what lasts longer looks like a bias, or swings about zero."""

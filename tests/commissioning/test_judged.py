@@ -82,11 +82,11 @@ def test_the_table_has_a_row_for_each_horizon_and_a_dash_for_what_is_not_known()
 
 def test_to_wait_until_a_lag_is_forgotten_costs_nothing():
     """What the sensor read before the log began is in its first readings, and a setup that says so is no worse."""
-    lagging = replace(SETUP, effects={"low_pass": {"cutoff": 1.0}})
+    lagging = replace(SETUP, effects={"low_pass": {"cutoff": 1.5}})
     log = _cut(simulate(lagging, duration=12, rate=50, seed=3).log, 200)
     without, knowing = (judge(setup, [log], 1.0) for setup in (SETUP, lagging))
     waited = np.isnan(knowing.used)
-    assert waited.sum() == pytest.approx(-50 * np.log(FORGOTTEN) / (2 * np.pi), abs=1)
+    assert waited.sum() == pytest.approx(-50 * np.log(FORGOTTEN) / (2 * np.pi * 1.5), abs=1)
     assert waited[: waited.sum()].all()
     assert not compare(knowing, without).costs
     assert compare(knowing, without).share < 0

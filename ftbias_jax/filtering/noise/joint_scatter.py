@@ -29,8 +29,8 @@ FEWEST = 100
 """Differences of one column that tell its noise."""
 REGULAR = 0.1
 """Share by which the steps of time within a difference may vary."""
-WHOLE = 0.05
-"""By which a multiple of the step of rounding may be no whole number."""
+CHANGES, WHOLE = 20, 0.05
+"""Of a column that tell the step of rounding, and by which a multiple of it may be no whole number."""
 LOUDER = 1.25
 """Times the stated noise; less is chance."""
 WINDOW, LEAST_WINDOWS, FAR = 32, 16, 4.0
@@ -146,14 +146,18 @@ def _by_differences(values: Array, regular: Array, order: int) -> Array:
 
 
 def _by_rounding(values: Array) -> Array:
-    """(n,) of rows (L, n) whose neighbours differ by multiples of one step, whatever the speed."""
+    """(n,) of rows (L, n) whose neighbours differ by multiples of one step, whatever the speed.
+
+    The error of rounding stays while a value does: over k rows, in which as much white noise would average out.
+    """
     sizes = np.abs(np.diff(values, axis=0))
     sizes[sizes == 0] = np.nan
     step = np.nanmin(sizes, axis=0, initial=np.inf)
     multiples = sizes / step
     known = np.isfinite(sizes).sum(0)
     fits = (np.abs(multiples - np.round(multiples)) < WHOLE).sum(0)
-    return np.where((known >= FEWEST) & (fits == known), step / np.sqrt(12), 0.0)
+    stays = len(sizes) / np.maximum(known, 1)
+    return np.where((known >= CHANGES) & (fits == known), step * np.sqrt(stays / 12), 0.0)
 
 
 def remark_of_joints(setup: Setup, params: Params) -> Repairs:
