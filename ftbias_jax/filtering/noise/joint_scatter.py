@@ -15,7 +15,7 @@ from ftbias_jax.model.params import JointNoise, Params
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array, Sample
 
-STRETCHES, SAMPLES = 16, 128
+STRETCHES, SAMPLES = 12, 128
 """Of a log, that are looked at: so many, of so many samples, evenly spread."""
 LOW, HIGH = 4, 6
 """Orders of differences: each takes away more of a motion, and makes the same of white noise."""
@@ -31,7 +31,7 @@ REGULAR = 0.1
 """Share by which the steps of time within a difference may vary."""
 CHANGES, WHOLE = 20, 0.05
 """Of a column that tell the step of rounding, and by which a multiple of it may be no whole number."""
-LOUDER = 1.25
+LOUDER = 1.3
 """Times the stated noise; less is chance."""
 WINDOW, LEAST_WINDOWS, FAR = 32, 16, 4.0
 """Rows over which velocities must add up to the change of the positions, how many such windows tell, and times the
@@ -106,8 +106,8 @@ def departs(t: Array, q: Array, dq: Array, position_std: Array) -> Array:
 
 def derived(t: Array, q: Array, dq: Array, noise: Array) -> Array:
     """Whether (n,) velocities (T, n) are differences of positions (T, n), whose noise (n,) is then in both."""
-    known = np.isfinite(q).all(1) & np.isfinite(dq).all(1)
-    if known.sum() < FEWEST:
+    known = np.flatnonzero(np.isfinite(q).all(1) & np.isfinite(dq).all(1))[:FEWEST]
+    if len(known) < FEWEST:
         return np.zeros(q.shape[1], bool)
     t, q, dq = t[known, None], q[known], dq[known]
     slopes = np.diff(q, axis=0) / np.diff(t, axis=0)
@@ -141,7 +141,8 @@ def _by_differences(values: Array, regular: Array, order: int) -> Array:
     if whole.sum() < FEWEST:
         return np.zeros(values.shape[1])
     sizes = np.abs(np.diff(values, order, axis=0))[whole]
-    found: Array = np.quantile(sizes, LARGE, axis=0) / (SHARE * np.sqrt(comb(2 * order, order)))
+    place = int(LARGE * len(sizes))
+    found: Array = np.partition(sizes, place, axis=0)[place] / (SHARE * np.sqrt(comb(2 * order, order)))
     return found
 
 
