@@ -130,8 +130,8 @@ def forgetting_time(values: Values, catalogue: Mapping[str, Effect] | None = Non
 
     What swings or lags is taken as settled at the first sample, which it need not be.
     """
-    numbers = jax.tree.map(np.asarray, {name: values[name] for name in values if name != TERM})
-    times = [effect.forgets(numbers[name]) for name, effect in _acting(numbers, catalogue) if effect.forgets]
+    acting = [(effect.forgets, values[name]) for name, effect in _acting(values, catalogue)]
+    times = [forgets(jax.tree.map(np.asarray, own)) for forgets, own in acting if forgets]
     for term in values.get(TERM, {}).values():
         if forgets := FORMS[term.drive, term.form].forgets:
             times.append(forgets(term.parameters))
