@@ -117,7 +117,7 @@ def shrink_of(path: Path, setup: Setup, mended: Setup) -> float:
 @in_float64
 def gap_of(setup: Setup, log: Log) -> float:
     """Mean square gap between a log and its setup, in noise variances; may be negative by chance."""
-    problem, _ = make_problem(setup, [clean(log, clipped=False, held=False)])
+    problem, _ = make_problem(setup, [clean(log, clipped=False, held=("q", "dq"))])
     return float(excess_by_channel(problem, base(problem).error).mean())
 
 
