@@ -65,10 +65,13 @@ class Part(NamedTuple):
         wrench = self.wrench._replace(variance=jax.device_put(variance))
         return self._replace(wrench=wrench, whiten=make_whitener(wrench, self.used))
 
+    @property
+    def begins_in_motion(self) -> bool:
+        """Whether the arm moves at the first bin."""
+        return bool(np.abs(speeds_of(self.signals.model.arm, np.asarray(self.signals.dq)[0])).max() > STILL)
+
     def silent_before(self, seconds: float) -> Self:
-        """The same log without the readings of its first seconds, if it begins in motion."""
-        if seconds <= 0 or np.abs(speeds_of(self.signals.model.arm, np.asarray(self.signals.dq[0]))).max() <= STILL:
-            return self
+        """The same log without the readings of its first seconds."""
         reading = np.where(np.asarray(self.signals.t)[:, None] < seconds, np.nan, self.wrench.wrench)
         wrench = self.wrench._replace(wrench=jax.device_put(reading))
         return self._replace(wrench=wrench, whiten=make_whitener(wrench, self.used))
@@ -132,11 +135,13 @@ class Problem(NamedTuple):
         Before the log they may have done anything; a model of them does as if the arm had rested.
         """
         waits = [waiting(effects, duration, self.catalogue) for duration in self.durations]
-        parts = tuple(map(Part.silent_before, self.parts, waits))
-        silent = [~np.isfinite(np.asarray(part.wrench.wrench)[: part.used]) for part in parts]
-        samples = np.where(np.concatenate(silent), 0, self.samples)
-        same = all(one is other for one, other in zip(parts, self.parts, strict=True))
-        return self if same else self._replace(parts=parts, samples=samples)
+        pairs = zip(waits, self.parts, strict=True)
+        waits = [wait if wait > 0 and part.begins_in_motion else 0.0 for wait, part in pairs]
+        if not any(waits):
+            return self
+        pairs = zip(waits, self.parts, strict=True)
+        parts = tuple(part.silent_before(wait) if wait else part for wait, part in pairs)
+        return self.without(self.t < np.array(waits)[self.log])._replace(parts=parts)
 
     def louder(self, added: np.ndarray) -> Self:
         """The same with more variance (U, 6) N^2, Nm^2 of the bins' means."""

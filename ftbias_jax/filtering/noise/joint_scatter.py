@@ -82,11 +82,11 @@ def departs(t: Array, q: Array, dq: Array, position_std: Array) -> Array:
     change of the velocity, as of one that lags, and with the path, as of one of another scale: these explain more of it
     than they leave. Or else the velocity never changes.
     """
-    known = np.isfinite(q).all(1) & np.isfinite(dq).all(1)
-    count = int(known.sum()) // WINDOW
+    t, q, dq = _where_both(t, q, dq)
+    count = len(t) // WINDOW
     if count < LEAST_WINDOWS:
         return np.zeros(q.shape[1], bool)
-    t, q, dq = (x[known][: count * WINDOW].reshape(count, WINDOW, *x.shape[1:]) for x in (t, q, dq))
+    t, q, dq = (x[: count * WINDOW].reshape(count, WINDOW, *x.shape[1:]) for x in (t, q, dq))
     steps = np.diff(t, axis=1)
     near = steps.max(1) < FAR * np.median(steps)
     path = (steps[..., None] * (dq[:, 1:] + dq[:, :-1]) / 2).sum(1)[near]
@@ -95,8 +95,8 @@ def departs(t: Array, q: Array, dq: Array, position_std: Array) -> Array:
     off = (q[:, -1] - q[:, 0])[near] - path
     causes = np.stack([(dq[:, -1] - dq[:, 0])[near], path])
     normal = np.einsum("iwn,jwn->nij", causes, causes)
-    normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 1e-30 * np.eye(2)
-    share = np.linalg.solve(normal, np.einsum("iwn,wn->ni", causes, off)[..., None])[..., 0]
+    # Of a joint at rest there is nothing to explain it by, and no inverse.
+    share = np.einsum("nij,jwn,wn->ni", np.linalg.pinv(normal, hermitian=True), causes, off)
     explained = np.einsum("ni,iwn->wn", share, causes)
     follows = (explained**2).sum(0) > ((off - explained) ** 2).sum(0)
     is_off = (off**2).sum(0) > MORE * near.sum() * position_std**2
@@ -106,15 +106,20 @@ def departs(t: Array, q: Array, dq: Array, position_std: Array) -> Array:
 
 def derived(t: Array, q: Array, dq: Array, noise: Array) -> Array:
     """Whether (n,) velocities (T, n) are differences of positions (T, n), whose noise (n,) is then in both."""
-    known = np.flatnonzero(np.isfinite(q).all(1) & np.isfinite(dq).all(1))[:FEWEST]
-    if len(known) < FEWEST:
+    t, q, dq = (x[:FEWEST] for x in _where_both(t[:, None], q, dq))
+    if len(t) < FEWEST:
         return np.zeros(q.shape[1], bool)
-    t, q, dq = t[known, None], q[known], dq[known]
     slopes = np.diff(q, axis=0) / np.diff(t, axis=0)
     central = (q[2:] - q[:-2]) / (t[2:] - t[:-2])
     off = [np.median(np.abs(dq[1:-1] - x), axis=0) for x in (central, slopes[:-1], slopes[1:])]
     found: Array = np.min(off, axis=0) < ALIKE * noise / np.median(np.diff(t, axis=0))
     return found
+
+
+def _where_both(t: Array, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+    """The rows in which positions and velocities of all joints are measured."""
+    known = np.isfinite(q).all(1) & np.isfinite(dq).all(1)
+    return t[known], q[known], dq[known]
 
 
 def scatter(t: Array, values: Array) -> Array:

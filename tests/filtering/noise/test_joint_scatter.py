@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -17,6 +18,7 @@ from ftbias_jax.filtering.noise.joint_scatter import (
 )
 from ftbias_jax.filtering.params_for_log import likeliest_params
 from ftbias_jax.filtering.samples import samples_from_log
+from ftbias_jax.model.effects.responses import lagged
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.simulate_log import simulate
 from ftbias_jax.setup import parse_setup
@@ -72,19 +74,11 @@ def test_pauses_and_joints_at_rest_do_not_count():
     assert not scatter(T[:20], values[:20]).any()
 
 
-def lagging(values, seconds):
-    share = -np.expm1(-np.diff(T) / seconds)
-    late = values.copy()
-    for i in range(1, len(T)):
-        late[i] = late[i - 1] + share[i - 1] * (values[i] - late[i - 1])
-    return late
-
-
 @pytest.mark.parametrize(
     ("changed", "which"),
     [
         (lambda dq: dq, [False, False, False]),
-        (lambda dq: lagging(dq, 0.02), [True, True, True]),
+        (lambda dq: np.asarray(lagged(jnp.asarray(T), jnp.asarray(dq), 1 / (2 * np.pi * 0.02))), [True, True, True]),
         (lambda dq: dq * [1.0, 1.02, 0.98], [False, True, True]),
         (lambda dq: np.where(np.arange(len(T))[:, None] % 8, np.nan, dq), [False, False, False]),
         (lambda dq: np.zeros_like(dq), [True, True, True]),
