@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.io.clock import LONG_PAUSE
 from ftbias_jax.io.log import Log
+from ftbias_jax.io.stamps.clock import LONG_PAUSE
 from ftbias_jax.model.effects.compose import fill_temperature, forgetting_time
 from ftbias_jax.model.effects.types import Effect, Values
 from ftbias_jax.model.params import Params

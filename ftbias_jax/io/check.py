@@ -8,9 +8,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.clock import as_stamps, on_right_clock, one_a_stamp, put_in_order, since, tidy
 from ftbias_jax.io.log import Column, Log, Repairs
 from ftbias_jax.io.pose import in_sensor_axes, pose_entries
+from ftbias_jax.io.stamps.clock import as_stamps, on_right_clock, one_a_stamp, put_in_order, since, tidy
+from ftbias_jax.io.stamps.steady import on_steady_clocks
 from ftbias_jax.setup.recorded import FORCE_UNITS, TORQUE_UNITS, LogSetup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -19,6 +20,8 @@ LARGEST = 1e20
 """In size, of joints and wrenches in any unit: what is beyond is an error, and its square no number of use."""
 LOWEST_RATE, HIGHEST_RATE = 1.5, 5e4
 """Hz: a log of 1000 Hz has 1 Hz if its ms are taken for s, one of 50 Hz has 50 kHz if its us are taken for ns."""
+PACKET = 64
+"""Readings that may arrive at once: the time between two says nothing of their rate."""
 Part = tuple[Array, Mapping[str, Array]]
 """Stamps of a stream in order, float64 s or int64 ns, and its arrays by the names of a log."""
 FURTHER = "="
@@ -56,7 +59,10 @@ def check_log(
     """
     given = {"q": q, "dq": dq, "wrench": wrench, "temperature": temperature}
     recorded = {name: values for name, values in given.items() if values is not None}
-    t, columns, ordering = put_in_order(t, recorded, file=file)
+    t, ordered, ordering = put_in_order(t, recorded, file=file)
+    parts, restored = on_steady_clocks(t, ordered, file)
+    columns = merge_parts(parts, file) if restored else dict(ordered)
+    t, ordering = columns.pop("t", t), (*ordering, *restored)
     q, dq = columns["q"], columns.get("dq")
     t, start = relative_seconds(t, file=file)
     uncertain: Array = np.zeros(3)
@@ -98,7 +104,8 @@ def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "
     if not len(wrench_t):
         remedy = "record the sensor's wrench"
         raise LogError("no wrench data: all values are NaN", file=file, field="wrench", remedy=remedy)
-    rate = 1 / np.median(np.diff(wrench_t)) if len(wrench_t) > 1 else LOWEST_RATE
+    many = min(PACKET, len(wrench_t) - 1)
+    rate = many / np.median(wrench_t[many:] - wrench_t[:-many]) if many else LOWEST_RATE
     if not LOWEST_RATE <= rate <= HIGHEST_RATE:
         message = f"the wrench has a rate of {rate:.4g} Hz, which is implausible"
         remedy = "give floating-point time in s, integer time in ns, or state log.time_unit in the setup"

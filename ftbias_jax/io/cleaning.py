@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError, UsageError
-from ftbias_jax.io.clock import LONG_PAUSE
 from ftbias_jax.io.health import Axis, Saturation, Still, extend, mask
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.rates import LISTED, Held, Repeats, extend_repeats, held_readings, missing_readings
+from ftbias_jax.io.stamps.clock import LONG_PAUSE
 from ftbias_jax.types import AXES, Array
 
 PART = 1 << 16

@@ -14,7 +14,6 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import or_poses, read_recorded
 from ftbias_jax.io.cleaning import clean
-from ftbias_jax.io.clock import longer_in_words, one_a_stamp
 from ftbias_jax.io.draft.table import Table, look, stated_columns, time_unit
 from ftbias_jax.io.health import StreamInfo, stream_info
 from ftbias_jax.io.log import Log, Repair
@@ -23,6 +22,7 @@ from ftbias_jax.io.ros.choose import wanted_of
 from ftbias_jax.io.ros.messages import IMU, JOINT_STATE, JOINTS, POSE, POSITION, TRANSFORM, WRENCH, WRENCH_STAMPED
 from ftbias_jax.io.ros.read import log_of, skew
 from ftbias_jax.io.ros.record import Recording, Stream, Topic, Wanted, is_ros, read_recording
+from ftbias_jax.io.stamps.clock import longer_in_words, one_a_stamp
 from ftbias_jax.io.tables.headers import FIXED
 from ftbias_jax.io.tables.poses import Poses, as_log
 from ftbias_jax.io.tables.streams import read_stream

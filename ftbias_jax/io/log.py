@@ -55,7 +55,7 @@ class Log(NamedTuple):
     temperature: Float[Array, " T"]
     """(T,) deg C."""
     start: float = 0.0
-    """s, the log's own stamp of the first sample: t + start are the stamps as recorded."""
+    """s, the log's own stamp of the first sample: t + start are the stamps as recorded, if these are steady."""
     repairs: Repairs = ()
     """What was mended or left out, and what else its owner should know."""
     columns: Mapping[str, Column] = MappingProxyType({})

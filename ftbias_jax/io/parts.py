@@ -11,9 +11,10 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_recorded
 from ftbias_jax.io.check import check_content, check_samples, relative_seconds
 from ftbias_jax.io.cleaning import Facts, Split, check_rest, findings, leave_out, slices, survey
-from ftbias_jax.io.clock import as_stamps
 from ftbias_jax.io.log import Log, Repairs
 from ftbias_jax.io.remote import is_url
+from ftbias_jax.io.stamps.clock import as_stamps
+from ftbias_jax.io.stamps.steady import scatters
 from ftbias_jax.io.tables.array_files import stored_arrays
 from ftbias_jax.io.tables.arrays import ARRAYS
 from ftbias_jax.io.write.provenance import Source
@@ -83,6 +84,8 @@ def _open_npz(file: str, setup: Setup) -> tuple[int, float, Split] | None:
     stamps = as_stamps(next(stored["t"].parts(stored["t"].shape[0])), file=file)
     if (stamps[1:] <= stamps[:-1]).any():
         return None  # samples that must change places are held in memory
+    if scatters(stamps):
+        return None  # and so are those whose stamps may have to be mended
     t, start = relative_seconds(stamps, file=file)
     for name in names:
         if stored[name].shape[:1] != t.shape:

@@ -9,8 +9,8 @@ from ftbias_jax.check.regression import KNOT, make_layout
 from ftbias_jax.cli.main import main
 from ftbias_jax.io import read_log
 from ftbias_jax.io.cleaning import without_long_pauses
-from ftbias_jax.io.clock import LONG_PAUSE
 from ftbias_jax.io.log import Column
+from ftbias_jax.io.stamps.clock import LONG_PAUSE
 from ftbias_jax.setup import load_setup
 
 SAMPLES = 1200

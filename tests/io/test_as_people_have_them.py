@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from ftbias_jax.errors import LogError, SetupError
 from ftbias_jax.io import read_log
-from ftbias_jax.io.clock import stamps_of
 from ftbias_jax.io.pose import STANDARD_GRAVITY
+from ftbias_jax.io.stamps.clock import stamps_of
 from ftbias_jax.setup import parse_setup
 from ftbias_jax.setup.recorded import LogSetup
 from ftbias_jax.setup.robots import built_in_robot

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from one_line import fails
 
 from ftbias_jax.io.check import check_overlap, merge_parts, on_one_clock
-from ftbias_jax.io.clock import as_stamps
+from ftbias_jax.io.stamps.clock import as_stamps
 from ftbias_jax.setup.recorded import LogSetup
 
 

@@ -24,7 +24,7 @@ def arrays(seed=0):
     q[:100, 1] = np.nan
     wrench[::2] = np.nan
     wrench[:, 4] = np.nan
-    return {"t": 5.0 + np.cumsum(rng.uniform(0.005, 0.02, T)), "q": q, "dq": dq, "wrench": wrench}
+    return {"t": 5.0 + np.cumsum(rng.uniform(0.01245, 0.01255, T)), "q": q, "dq": dq, "wrench": wrench}
 
 
 def joined(log, size):
@@ -70,7 +70,7 @@ def test_facts_of_the_whole_log(tmp_path, setup):
     assert [repair.what for repair in opened.repairs] == [
         f"samples at the end of the sensor's range left out: {clipped.sum()} of fz",
         "never measured: ty",
-        f"the wrench is measured in {T // 2} of {T} rows: taken as a stream of 39.7 Hz",
+        f"the wrench is measured in {T // 2} of {T} rows: taken as a stream of 40 Hz",
     ]
     np.testing.assert_array_equal(np.isnan(joined(opened, 9).wrench[1::2, 2]), clipped[1::2])
 

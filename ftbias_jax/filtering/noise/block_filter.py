@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ftbias_jax.filtering.process_models import BiasStrength, reverting_drift
 from ftbias_jax.filtering.samples import room_for
-from ftbias_jax.io.clock import LONG_PAUSE
+from ftbias_jax.io.stamps.clock import LONG_PAUSE
 from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array

@@ -6,12 +6,12 @@ from itertools import product
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.clock import since, stamps_of
 from ftbias_jax.io.draft.evidence import Weighed, weigh
 from ftbias_jax.io.draft.robot import Keys
 from ftbias_jax.io.draft.table import Table
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.pose import STANDARD_GRAVITY, between, interpolated, sensor_rotations
+from ftbias_jax.io.stamps.clock import since, stamps_of
 from ftbias_jax.setup.dump import Known
 from ftbias_jax.setup.rotations import rpy_from_rotation
 from ftbias_jax.setup.types import Setup

@@ -8,9 +8,9 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import HIGHEST_RATE, LOWEST_RATE
-from ftbias_jax.io.clock import seconds_of_a_unit
 from ftbias_jax.io.ros.messages import JOINTS, POSE, TEMPERATURE, WRENCH
 from ftbias_jax.io.ros.record import Wanted, is_ros, read_recording
+from ftbias_jax.io.stamps.clock import seconds_of_a_unit
 from ftbias_jax.io.tables.arrays import ARRAY_FILES, ARRAYS, COLUMNS, POSE_ARRAYS, suffix_of
 from ftbias_jax.io.tables.columns import Columns
 from ftbias_jax.io.tables.headers import Match, matches, some

@@ -6,11 +6,11 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import Part, log_of_parts, on_one_clock
-from ftbias_jax.io.clock import complaint_of_headers, continue_after_jumps, jumps, rate_against, tidy
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.ros.choose import Chosen, choose, refuse_columns, wanted_of
 from ftbias_jax.io.ros.messages import JOINTS, WRENCH
 from ftbias_jax.io.ros.record import Recording, Stream, read_recording
+from ftbias_jax.io.stamps.clock import complaint_of_headers, continue_after_jumps, jumps, rate_against, tidy
 from ftbias_jax.setup.recorded import HEADER, RECEIPT
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array

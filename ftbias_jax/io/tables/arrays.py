@@ -7,8 +7,8 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import FURTHER, Part, check_log, further_columns, log_of_parts, on_one_clock
-from ftbias_jax.io.clock import as_stamps, on_right_clock, put_in_order, rows_at_rate, stamps_of
 from ftbias_jax.io.log import Log, Repairs
+from ftbias_jax.io.stamps.clock import as_stamps, on_right_clock, put_in_order, rows_at_rate, stamps_of
 from ftbias_jax.io.tables.array_files import load_arrays, load_hdf5
 from ftbias_jax.io.tables.columns import Columns, choose_columns, named_columns
 from ftbias_jax.io.tables.csv import csv_columns

@@ -11,9 +11,9 @@ from jaxtyping import Float
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import LOWEST_RATE, check_samples
-from ftbias_jax.io.clock import seconds_of_a_unit, stamps_of
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.pose import in_sensor_axes, pose_entries
+from ftbias_jax.io.stamps.clock import seconds_of_a_unit, stamps_of
 from ftbias_jax.io.tables.arrays import TABLES, native_arrays, suffix_of, with_pose
 from ftbias_jax.setup.require import orientation_alone
 from ftbias_jax.setup.types import Setup

@@ -10,12 +10,12 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import FURTHER, Part, further_columns, log_of_parts
-from ftbias_jax.io.clock import as_stamps, on_right_clock, put_in_order, rows_at_rate, stamps_of
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.remote import check_links, check_patterns, exists, is_url, opened
 from ftbias_jax.io.ros.choose import choose, refuse_columns, wanted_of
 from ftbias_jax.io.ros.read import credible, parts_of
 from ftbias_jax.io.ros.record import SUFFIXES, is_ros, read_recording
+from ftbias_jax.io.stamps.clock import as_stamps, on_right_clock, put_in_order, rows_at_rate, stamps_of
 from ftbias_jax.io.tables import arrays as native
 from ftbias_jax.io.tables.columns import NAMES, choose_columns, named_columns
 from ftbias_jax.setup.keys import table as keys

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.clock import (
+from ftbias_jax.io.stamps.clock import (
     PAUSE,
     continue_after_jumps,
     jumps,

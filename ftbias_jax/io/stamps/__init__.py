@@ -1,0 +1,1 @@
+"""Stamps of recorded streams: their clocks, their order, and the steady clock behind those that scatter."""

@@ -1,0 +1,183 @@
+"""The steady clock behind stamps that scatter: those of arrival, of packets, or rounded, of readings that are regular.
+
+No reading is taken after its stamp of arrival, and the next no sooner than one period later: together all stamps bound
+the time of each from above, and the bound is all but steady as soon as some messages come without waiting. Whether the
+readings were taken then, or when their stamps say (a loop that is woken late stamps rightly), the readings tell: joints
+that move are smooth in time, on the right clock.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from ftbias_jax.io.log import Repair, Repairs
+from ftbias_jax.io.stamps.clock import one_a_stamp
+from ftbias_jax.types import Array
+
+LEAST_SAMPLES = 256
+SCATTER, SHARE = 0.02, 0.002
+"""Of the usual interval: what is less is steady enough; and of the intervals that are not, with those of lost samples
+counted as several."""
+SPANS = ((16, 0.5), (16, 0.3), (64, 0.5))
+"""Samples, and the quantile of how long so many take, by which the period is first guessed: lost samples make spans
+longer, and packets make short ones differ. The readings tell which guess was best."""
+ROUNDS, FAR = 4, 256
+"""Times that lost samples are counted and the period is fitted, and samples that lie so far apart that it is exact."""
+SLACK = 1e-3
+"""Share of the period by which readings may be closer: clocks wander, and stamps far away must not count."""
+PAUSE = 100
+"""Periods without a sample, after which a clock may begin anew."""
+WINDOW, DEGREE = 24, 3
+"""Samples in a row, and the degree of the polynomial in time that joints follow so long."""
+FASTEST = 0.25
+"""Share of the windows that are looked at: those in which a column changes most."""
+TINY = 1e-12
+ALIKE = 0.95
+"""Of these windows: in the others a quaternion may change its sign, or an angle begin anew."""
+CLEAR = 5.0
+"""Standard errors by which less must be left over. The logarithm of a mean of n squares of noise has a variance of 2/n,
+the difference of two that have nothing in common twice that."""
+
+
+class Stream(NamedTuple):
+    """Columns of a log that were stamped together."""
+
+    rows: Array
+    """(T,) whether the stream has a sample there."""
+    names: tuple[str, ...]
+
+
+class Steady(NamedTuple):
+    """Stamps of a stream, each of which is not later than as recorded."""
+
+    t: Array
+    """(T,) s."""
+    gain: float
+    """By how much the readings are smoother in time, in standard errors; see ``CLEAR``."""
+    scatter: float
+    """s, standard deviation of the stamps about these."""
+
+
+def scatters(t: Array) -> bool:
+    """Whether stamps (T,), in s or ns, are less regular than those of a good recorder."""
+    if len(t) < LEAST_SAMPLES:
+        return False
+    intervals = np.diff(t) / ((t[-1] - t[0]) / (len(t) - 1))
+    intervals /= np.median(intervals[intervals > SCATTER])  # packets have nothing but short ones, and long ones
+    off = np.abs(intervals - np.maximum(np.rint(intervals), 1)) > SCATTER
+    return bool(off.mean() > SHARE)
+
+
+def on_steady_clocks(
+    t: Array, columns: Mapping[str, Array], file: str = ""
+) -> tuple[list[tuple[Array, dict[str, Array]]], Repairs]:
+    """The streams of a log, with the stamps of a steady clock where the readings are clearly smoother on it.
+
+    Args:
+        t: (T,) increasing, s if floating point or ns if integer.
+        columns: (T, ...) by the names of a log's arrays, NaN = not measured.
+        file: the name in messages.
+
+    Returns:
+        stamps and columns of each stream, or of all as they are; and a line for each that was mended.
+
+    Raises:
+        LogError: a column has not one sample of real numbers per stamp.
+    """
+    if not scatters(t):
+        return [(t, dict(columns))], ()
+    columns = {name: one_a_stamp(values, len(t), name, file) for name, values in columns.items()}
+    streams = list(_streams(columns))
+    ticks = 1e9 if t.dtype.kind == "i" else 1.0
+    found = {}
+    for stream in streams:
+        stamps = (t[stream.rows] - t[0]) / ticks
+        if scatters(stamps):
+            readings = np.concatenate([columns[name][stream.rows].reshape(len(stamps), -1) for name in stream.names], 1)
+            found[stream.names] = steady(stamps, readings)
+    if not any(clock.gain > CLEAR for clock in found.values()):
+        return [(t, dict(columns))], ()
+    parts, repairs = [], []
+    for stream in streams:
+        times = t[stream.rows]
+        clock = found.get(stream.names)
+        # What was recorded beside a stream that came late came late as well, also where its readings do not tell.
+        if clock is not None and clock.gain > -CLEAR:
+            ahead = clock.t * ticks
+            times = t[0] + (np.rint(ahead).astype(np.int64) if t.dtype.kind == "i" else ahead)
+            what = f"stamps of {' '.join(stream.names)} scatter by {1e3 * clock.scatter:.2g} ms"
+            repairs.append(Repair(f"{what}: those of the steady clock behind them are used"))
+        parts.append((times, {name: columns[name][stream.rows] for name in stream.names}))
+    return parts, tuple(repairs)
+
+
+def _streams(columns: Mapping[str, Array]) -> Iterator[Stream]:
+    """Columns whose samples share their rows, most of them, are of one stream; the first has the most rows."""
+    rows = {name: ~np.isnan(values.reshape(len(values), -1)).all(1) for name, values in columns.items()}
+    left = sorted(columns, key=lambda name: -int(rows[name].sum()))
+    while left:
+        first = left[0]
+        names = [name for name in left if (rows[name] & rows[first]).sum() >= 0.9 * rows[name].sum()]
+        left = [name for name in left if name not in names]
+        yield Stream(np.any([rows[name] for name in names], 0), tuple(names))
+
+
+def steady(t: Array, readings: Array) -> Steady:
+    """The steady clock on which readings (T, k), NaN = not measured, with increasing stamps t (T,) s are smoothest."""
+    gaps = np.diff(t)
+    pieces = np.split(t, np.flatnonzero(gaps > PAUSE * gaps.mean()) + 1)
+    windows = _fastest(readings)
+    rough, best = np.log(_roughness(t, readings, windows)), Steady(t, 0.0, 0.0)
+    stderr = 2 * np.sqrt(readings.shape[1] / windows.size)
+    for samples, quantile in SPANS:
+        clock = np.maximum.accumulate(np.concatenate([_bound(piece, samples, quantile) for piece in pieces]))
+        gain = float((rough - np.log(_roughness(clock, readings, windows))).sum() / stderr)
+        if gain > best.gain or best.t is t:
+            best = Steady(clock, gain, float(np.std(t - clock)))
+    return best
+
+
+def _bound(t: Array, samples: int, quantile: float) -> Array:
+    """(T,) s: the latest times at which readings a period apart, some of them lost, can have been taken."""
+    if len(t) <= 2 * samples:
+        return t
+    none_lost = count = np.arange(len(t))
+    period = float(np.quantile(t[samples:] - t[:-samples], quantile)) / samples
+    for _ in range(ROUNDS):
+        steps = np.maximum(np.rint(np.diff(_latest(t, none_lost, period)) / period), 1)
+        count = np.concatenate([[0], np.cumsum(steps)])
+        far = min(FAR, len(t) // 2)
+        period = float(np.median((t[far:] - t[:-far]) / (count[far:] - count[:-far])))
+    latest = _latest(t, count, period)
+    # No later stamp bounds the last ones: there, the clock is no slower than it was.
+    line = count[-far:] * period * (1 + SLACK)
+    latest[-far:] = np.minimum.accumulate(latest[-far:] - line) + line
+    return latest
+
+
+def _latest(t: Array, count: Array, period: float) -> Array:
+    """(T,) s: no reading is taken after its stamp, nor sooner than a period, less some slack, after the one before."""
+    line = count * period * (1 - SLACK)
+    return np.minimum.accumulate((t - line)[::-1])[::-1] + line
+
+
+def _fastest(readings: Array) -> Array:
+    """(K, WINDOW) the samples of the windows in which most is moved, as far as all was measured there."""
+    samples = np.arange(len(readings) // WINDOW * WINDOW).reshape(-1, WINDOW)
+    moved = np.ptp(readings[samples], axis=1)
+    share = (moved / np.maximum(np.nanmax(moved, 0, initial=0), TINY)).max(1)
+    order = np.argsort(np.where(np.isnan(share), -1.0, share))
+    return samples[order[-max(1, int(FASTEST * len(order))) :]]
+
+
+def _roughness(t: Array, readings: Array, windows: Array) -> Array:
+    """(k,) mean square that polynomials in time leave over in most of the windows (K, WINDOW)."""
+    values, places = readings[windows], t[windows]
+    places = places - places.mean(1, keepdims=True)
+    places = places / np.maximum(np.abs(places).max(1, keepdims=True), TINY)
+    basis, _ = np.linalg.qr(places[..., None] ** np.arange(DEGREE + 1))
+    left = values - basis @ (np.swapaxes(basis, 1, 2) @ values)
+    squares = np.sort((left**2).mean(1), 0)
+    rough = squares[: max(1, int(ALIKE * len(squares)))].mean(0)
+    return np.where(np.isfinite(rough) & (rough > 0), rough, 1.0)

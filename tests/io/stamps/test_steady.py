@@ -1,0 +1,127 @@
+"""Stamps that scatter become those of the steady clock behind them, where moving joints are smoother on that."""
+
+import numpy as np
+import pytest
+
+from ftbias_jax.errors import LogError
+from ftbias_jax.io import log_of_arrays
+from ftbias_jax.io.stamps.steady import CLEAR, on_steady_clocks, scatters, steady
+
+T, RATE = 4000, 250.0
+NOISE = 2e-5
+
+
+def arm(t, seed=0, noise=NOISE):
+    """(T, 3) rad of joints that swing, at times in s."""
+    rng = np.random.default_rng(seed)
+    phase = rng.uniform(0, 2 * np.pi, 3)
+    return 0.5 * np.sin(2 * np.pi * np.array([0.2, 0.35, 0.6]) * t[:, None] + phase) + noise * rng.normal(
+        size=(len(t), 3)
+    )
+
+
+def late(t, rng):
+    """Messages that wait, and overtake none."""
+    return np.maximum.accumulate(t + rng.exponential(0.1 / RATE, len(t))) + 1e-9 * np.arange(len(t))
+
+
+def packets(t, rng):
+    last = np.minimum(np.arange(len(t)) // 8 * 8 + 7, len(t) - 1)
+    return t[last] + 1e-5 * (np.arange(len(t)) % 8)
+
+
+SCATTERED = {
+    "late": late,
+    "packets of 8": packets,
+    "about the time": lambda t, rng: t + rng.uniform(-0.2, 0.2, len(t)) / RATE,
+}
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("form", "lost"), [*((form, 0.0) for form in SCATTERED), ("late", 0.03), ("about the time", 0.03)]
+)
+def test_the_clock_behind_stamps_that_scatter_is_found(form, seed, lost):
+    rng = np.random.default_rng(seed)
+    taken = np.arange(T) / RATE
+    stamps, kept = SCATTERED[form](taken, rng), rng.uniform(size=T) >= lost
+    stamps, taken = stamps[kept], taken[kept]
+    assert scatters(stamps)
+    clock = steady(stamps, arm(taken, seed))
+    assert clock.gain > CLEAR
+    assert np.std(clock.t - taken) < 0.02 / RATE
+    assert np.std(np.diff(clock.t - taken)) < 0.1 * np.std(np.diff(stamps - taken))
+
+
+def test_which_reading_of_a_packet_was_lost_is_not_known_but_most_of_the_error_goes():
+    rng = np.random.default_rng(0)
+    kept, taken = rng.uniform(size=T) >= 0.03, np.arange(T) / RATE
+    stamps, taken = packets(taken, rng)[kept], taken[kept]
+    clock = steady(stamps, arm(taken))
+    assert clock.gain > CLEAR
+    assert np.std(clock.t - taken) < 0.2 * np.std(stamps - taken)
+
+
+def test_stamps_rounded_to_milliseconds_of_a_rate_that_is_no_whole_number_of_them():
+    taken = np.arange(T) / 400
+    clock = steady(np.round(taken, 3), arm(taken))
+    assert clock.gain > CLEAR
+    np.testing.assert_allclose(np.diff(clock.t), 1 / 400, atol=2e-5)
+
+
+def test_a_pause_begins_the_clock_anew():
+    taken = np.concatenate([np.arange(T) / RATE, 40.0013 + np.arange(T) / RATE])
+    stamps = taken + np.random.default_rng(0).uniform(0, 0.4, 2 * T) / RATE
+    clock = steady(stamps, arm(taken))
+    off = clock.t - taken
+    assert max(np.std(off[:T]), np.std(off[T:])) < 0.05 / RATE
+
+
+def test_readings_taken_when_their_stamps_say_keep_them():
+    rng = np.random.default_rng(0)
+    t = np.sort(np.arange(T) / RATE + rng.uniform(-0.2, 0.2, T) / RATE)
+    columns = {"q": arm(t), "wrench": rng.normal(size=(T, 6))}
+    [(stamps, _)], repairs = on_steady_clocks(t, columns)
+    assert scatters(t)
+    assert stamps is t
+    assert not repairs
+
+
+@pytest.mark.parametrize("samples", [300, T])
+@pytest.mark.parametrize("seed", range(5))
+def test_an_arm_at_rest_tells_nothing(samples, seed):
+    rng = np.random.default_rng(seed)
+    t = np.arange(samples) / RATE + rng.uniform(-0.2, 0.2, samples) / RATE
+    _, repairs = on_steady_clocks(t, {"q": 1 + NOISE * rng.normal(size=(samples, 3))})
+    assert not repairs
+
+
+def test_stamps_that_do_not_scatter_are_not_looked_at():
+    t = np.arange(T) / RATE
+    lost = np.random.default_rng(0).uniform(size=T) < 0.9
+    assert not scatters(t)
+    assert not scatters(t[lost])
+    assert not scatters(np.arange(100) ** 2.0)  # too few to tell
+
+
+@pytest.mark.parametrize("as_integers", [False, True])
+def test_streams_with_clocks_of_their_own(setup, as_integers):
+    rng = np.random.default_rng(0)
+    joints, wrench = np.arange(T) / RATE, 0.0011 + np.arange(2 * T) / (2 * RATE)
+    stamps = late(joints, rng), late(wrench, rng)
+    if as_integers:
+        stamps = tuple(np.rint(1e9 * t).astype(np.int64) + 1_700_000_000_000_000_000 for t in stamps)
+    q = arm(joints)[:, :2]
+    log = log_of_arrays(setup, stamps, q, rng.normal(size=(2 * T, 6)))
+    assert [repair.what.split(" scatter")[0] for repair in log.repairs] == ["stamps of wrench", "stamps of q"]
+    rows = ~np.isnan(log.q).all(1)
+    off, off_wrench = log.t[rows] - joints, log.t[~np.isnan(log.wrench).all(1)] - wrench
+    assert np.std(off) < 0.02 / RATE
+    assert abs(np.mean(off) - np.mean(off_wrench)) < 0.02 / RATE  # still one clock
+    np.testing.assert_array_equal(log.q[rows], q)
+
+
+def test_an_array_of_another_length_is_named():
+    t = np.arange(T) / RATE + np.random.default_rng(0).uniform(0, 0.4, T) / RATE
+    with pytest.raises(LogError, match="wrench: has shape"):
+        on_steady_clocks(t, {"q": arm(t), "wrench": np.zeros((T - 1, 6))}, "log.npz")
