@@ -1,4 +1,4 @@
-"""What loggers and controllers do to joints, done to logs whose setup is right: nothing may be diagnosed.
+"""What loggers and controllers do to joints and stamps, done to logs whose setup is right: nothing may be diagnosed.
 
 python experiments/loggers/run.py [--count 12] [--seed 1127] writes result.json beside this script.
 """
@@ -64,6 +64,31 @@ CHANGES = {
     "joints held for four samples": lambda log: log._replace(q=held(log.q, 4), dq=held(log.dq, 4)),
 }
 """Name -> a log as some loggers or controllers write it."""
+WAIT = 0.3
+"""Mean of how long messages wait before they are logged, in intervals; some wait ten times as long."""
+
+
+def arrival(t, rng):
+    """Messages are logged when they arrive, in order."""
+    wait = np.median(np.diff(t)) * rng.exponential(WAIT * np.where(rng.random(len(t)) < 0.01, 10, 1))
+    return np.maximum.accumulate(t + wait) + 1e-7 * np.arange(len(t))
+
+
+def packets(t, rng, count=8):
+    """Several readings are sent at once."""
+    number = np.arange(len(t))
+    return t[np.minimum(number // count * count + count - 1, len(t) - 1)] + 1e-5 * (number % count)
+
+
+STAMPS = {
+    "stamps of arrival": arrival,
+    "stamps of packets of eight": packets,
+    "stamps with an error of 20 % of the interval": lambda t, rng: (
+        t + np.median(np.diff(t)) * rng.uniform(-0.2, 0.2, len(t))
+    ),
+    "stamps rounded to milliseconds": lambda t, rng: np.round(t, 3),
+}
+"""Name -> (T,) s, the stamps in the file of readings that were taken at t (T,) s."""
 STATED = {
     "noise of positions stated 5 times too small": "position_noise_std",
     "noise of velocities stated 5 times too small": "velocity_noise_std",
@@ -86,9 +111,19 @@ def named(setup, log):
     return " ".join([cause.effect for cause in found.causes] + ["term" for _ in found.terms]) or "none"
 
 
-def study(setup, log, truth, seed):
+def stamped(path, setup, change, seed):
+    """The log of a file with other stamps."""
+    arrays = dict(np.load(path))
+    t = change(arrays.pop("t"), np.random.default_rng(seed))
+    return ft.Log.from_arrays(setup, t, **arrays, raw=True)
+
+
+def study(path, setup, log, truth, seed):
     """(name, what is named, error of the bias over that of the log as recorded or None) of each change."""
     best = bias_error(setup, log, truth)
+    for name, change in STAMPS.items():
+        changed = stamped(path, setup, change, seed)
+        yield name, named(setup, changed), bias_error(setup, changed, truth) / best
     for name, change in CHANGES.items():
         changed = change(log)
         yield name, named(setup, changed), bias_error(setup, changed, truth) / best
@@ -121,7 +156,7 @@ def main():
         for number, path in enumerate(sorted(folder.glob("log_*.npz"))):
             setup = ft.load_setup(path.with_suffix(".toml"))
             log = ft.read_log(path, setup, raw=True)
-            for name, found, error in study(setup, log, np.array(truth[path.stem]["bias_1hz"]), seed + number):
+            for name, found, error in study(path, setup, log, np.array(truth[path.stem]["bias_1hz"]), seed + number):
                 row = table.setdefault(name, {"named": {}, "bias error over that of the log as recorded": []})
                 row["named"][found] = row["named"].get(found, 0) + 1
                 row["bias error over that of the log as recorded"] += [] if error is None else [round(error, 2)]
