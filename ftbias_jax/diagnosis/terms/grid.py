@@ -197,7 +197,7 @@ def _vectors(state: State) -> Iterator[Term]:
     fields = [_vector(centre) | {"power": 2.0, "core": 0.1} for centre in centres]
     yield from _terms("position", "attraction", (FORCE,), fields)
     extent = float(np.linalg.norm(high - low))
-    for radius in (share * extent for share in RADII):
+    for radius in (share * extent for share in RADII if extent > 0):  # it may turn without moving
         regions = [_vector(place) | {"radius": radius, "edge": radius / 3} for place in _visited(state.position)]
         yield from _terms("velocity", "local", (FORCE,), regions)
 

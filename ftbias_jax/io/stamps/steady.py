@@ -6,7 +6,7 @@ readings were taken then, or when their stamps say (a loop that is woken late st
 that move are smooth in time, on the right clock.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +26,8 @@ ROUNDS, FAR = 4, 256
 """Times that lost samples are counted and the period is fitted, and samples that lie so far apart that it is exact."""
 SLACK = 1e-3
 """Share of the period by which readings may be closer: clocks wander, and stamps far away must not count."""
+REACH = 32
+"""Samples on each side over which the bound is smoothed: it touches some stamps and leaves out others."""
 PAUSE = 100
 """Periods without a sample, after which a clock may begin anew."""
 WINDOW, DEGREE = 24, 3
@@ -34,7 +36,8 @@ FASTEST = 0.25
 """Share of the windows that are looked at: those in which a column changes most."""
 TINY = 1e-12
 ALIKE = 0.95
-"""Of these windows: in the others a quaternion may change its sign, or an angle begin anew."""
+"""Of these windows: in the others a quaternion may change its sign, or an angle begin anew. And of the samples of two
+columns that are of one stream, those that share their rows."""
 CLEAR = 5.0
 """Standard errors by which less must be left over. The logarithm of a mean of n squares of noise has a variance of 2/n,
 the difference of two that have nothing in common twice that."""
@@ -106,21 +109,32 @@ def on_steady_clocks(
         if clock is not None and clock.gain > -CLEAR:
             ahead = clock.t * ticks
             times = t[0] + (np.rint(ahead).astype(np.int64) if t.dtype.kind == "i" else ahead)
-            what = f"stamps of {' '.join(stream.names)} scatter by {1e3 * clock.scatter:.2g} ms"
+            what = f"stamps of {_words(stream.names)} scatter by {1e3 * clock.scatter:.2g} ms"
             repairs.append(Repair(f"{what}: those of the steady clock behind them are used"))
         parts.append((times, {name: columns[name][stream.rows] for name in stream.names}))
     return parts, tuple(repairs)
 
 
+def _words(names: Sequence[str]) -> str:
+    words = {"q": "the joints", "wrench": "the wrench"}
+    return " and ".join(word for name, word in words.items() if name in names) or " ".join(names)
+
+
 def _streams(columns: Mapping[str, Array]) -> Iterator[Stream]:
     """Columns whose samples share their rows, most of them, are of one stream; the first has the most rows."""
     rows = {name: ~np.isnan(values.reshape(len(values), -1)).all(1) for name, values in columns.items()}
-    left = sorted(columns, key=lambda name: -int(rows[name].sum()))
+    temperature = rows.pop("temperature", None)
+    left = sorted(rows, key=lambda name: -int(rows[name].sum()))
     while left:
         first = left[0]
-        names = [name for name in left if (rows[name] & rows[first]).sum() >= 0.9 * rows[name].sum()]
+        names = [name for name in left if (rows[name] & rows[first]).sum() >= ALIKE * rows[name].sum()]
         left = [name for name in left if name not in names]
-        yield Stream(np.any([rows[name] for name in names], 0), tuple(names))
+        stream = np.any([rows[name] for name in names], 0)
+        if temperature is not None and (temperature & stream).sum() >= ALIKE * min(temperature.sum(), stream.sum()):
+            names, temperature = [*names, "temperature"], None  # those in rows of other streams are not needed
+        yield Stream(stream, tuple(names))
+    if temperature is not None:
+        yield Stream(temperature, ("temperature",))
 
 
 def steady(t: Array, readings: Array) -> Steady:
@@ -153,7 +167,16 @@ def _bound(t: Array, samples: int, quantile: float) -> Array:
     # No later stamp bounds the last ones: there, the clock is no slower than it was.
     line = count[-far:] * period * (1 + SLACK)
     latest[-far:] = np.minimum.accumulate(latest[-far:] - line) + line
-    return latest
+    line = count * period
+    return _smooth(latest - line) + line
+
+
+def _smooth(x: Array) -> Array:
+    """(T,) means over the samples about each; fewer of them at the ends."""
+    sums = np.concatenate([[0.0], x.cumsum()])
+    here = np.arange(len(x))
+    reach = np.minimum(REACH, np.minimum(here, here[::-1]))
+    return (sums[here + reach + 1] - sums[here - reach]) / (2 * reach + 1)
 
 
 def _latest(t: Array, count: Array, period: float) -> Array:
@@ -163,12 +186,11 @@ def _latest(t: Array, count: Array, period: float) -> Array:
 
 
 def _fastest(readings: Array) -> Array:
-    """(K, WINDOW) the samples of the windows in which most is moved, as far as all was measured there."""
+    """(K, WINDOW) the samples of the windows in which any column moves most, as far as it was measured there."""
     samples = np.arange(len(readings) // WINDOW * WINDOW).reshape(-1, WINDOW)
-    moved = np.ptp(readings[samples], axis=1)
-    share = (moved / np.maximum(np.nanmax(moved, 0, initial=0), TINY)).max(1)
-    order = np.argsort(np.where(np.isnan(share), -1.0, share))
-    return samples[order[-max(1, int(FASTEST * len(order))) :]]
+    moved = np.nan_to_num(np.ptp(readings[samples], axis=1))
+    share = (moved / np.maximum(moved.max(0), TINY)).max(1)
+    return samples[np.argsort(share)[-max(1, int(FASTEST * len(share))) :]]
 
 
 def _roughness(t: Array, readings: Array, windows: Array) -> Array:
