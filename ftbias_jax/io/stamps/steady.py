@@ -28,6 +28,8 @@ SLACK = 1e-3
 """Share of the period by which readings may be closer: clocks wander, and stamps far away must not count."""
 REACH = 32
 """Samples on each side over which the bound is smoothed: it touches some stamps and leaves out others."""
+CONFIRMED = 4
+"""Samples that must follow where one was lost: those that are only late are followed by others in time."""
 PAUSE = 100
 """Periods without a sample, after which a clock may begin anew."""
 WINDOW, DEGREE = 24, 3
@@ -160,6 +162,7 @@ def _bound(t: Array, samples: int, quantile: float) -> Array:
     period = float(np.quantile(t[samples:] - t[:-samples], quantile)) / samples
     for _ in range(ROUNDS):
         steps = np.maximum(np.rint(np.diff(_latest(t, none_lost, period)) / period), 1)
+        steps[-CONFIRMED:] = 1  # the last ones may be late
         count = np.concatenate([[0], np.cumsum(steps)])
         far = min(FAR, len(t) // 2)
         period = float(np.median((t[far:] - t[:-far]) / (count[far:] - count[:-far])))

@@ -49,8 +49,10 @@ def test_the_clock_behind_stamps_that_scatter_is_found(form, seed, lost):
     assert scatters(stamps)
     clock = steady(stamps, arm(taken, seed))
     assert clock.gain > CLEAR
-    assert np.std(clock.t - taken) < 0.01 / RATE
-    assert np.std(np.diff(clock.t - taken)) < 0.01 * np.std(np.diff(stamps - taken))
+    off = (clock.t - taken)[:-8]  # of the last ones it is not known whether they are late or one was lost
+    assert np.ptp(off) < 0.2 / RATE
+    assert np.std(off) < 0.01 / RATE
+    assert np.std(np.diff(off)) < 0.01 * np.std(np.diff(stamps - taken))
 
 
 def test_which_reading_of_a_packet_was_lost_is_not_known_but_most_of_the_error_goes():
