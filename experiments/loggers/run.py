@@ -80,9 +80,17 @@ def packets(t, rng, count=8):
     return t[np.minimum(number // count * count + count - 1, len(t) - 1)] + 1e-5 * (number % count)
 
 
+def hiccups(t, rng):
+    """A recorder is busy for up to 30 ms, five times."""
+    wait = np.zeros(len(t))
+    wait[rng.integers(0, len(t), 5)] = rng.uniform(0, 0.03, 5)
+    return np.maximum.accumulate(t + wait) + 1e-7 * np.arange(len(t))
+
+
 STAMPS = {
     "stamps of arrival": arrival,
     "stamps of packets of eight": packets,
+    "stamps of a recorder that is busy five times": hiccups,
     "stamps with an error of 20 % of the interval": lambda t, rng: (
         t + np.median(np.diff(t)) * rng.uniform(-0.2, 0.2, len(t))
     ),

@@ -16,9 +16,8 @@ from ftbias_jax.io.stamps.clock import one_a_stamp
 from ftbias_jax.types import Array
 
 LEAST_SAMPLES = 256
-SCATTER, SHARE = 0.02, 0.002
-"""Of the usual interval: what is less is steady enough; and of the intervals that are not, with those of lost samples
-counted as several."""
+SCATTER = 0.02
+"""Of the usual interval: what is less is steady enough. Intervals of lost samples count as several."""
 SPANS = ((16, 0.5), (16, 0.3), (64, 0.5))
 """Samples, and the quantile of how long so many take, by which the period is first guessed: lost samples make spans
 longer, and packets make short ones differ. The readings tell which guess was best."""
@@ -34,8 +33,9 @@ PAUSE = 100
 """Periods without a sample, after which a clock may begin anew."""
 WINDOW, DEGREE = 24, 3
 """Samples in a row, and the degree of the polynomial in time that joints follow so long."""
-FASTEST = 0.25
-"""Share of the windows that are looked at: those in which a column changes most."""
+FASTEST, FEWEST = 0.25, 16
+"""Of the windows with stamps that scatter, the share that is looked at, and so many at least: those in which a column
+changes most."""
 TINY = 1e-12
 ALIKE = 0.95
 """Of these windows: in the others a quaternion may change its sign, or an angle begin anew. And of the samples of two
@@ -60,8 +60,8 @@ class Steady(NamedTuple):
     """(T,) s."""
     gain: float
     """By how much the readings are smoother in time, in standard errors; see ``CLEAR``."""
-    scatter: float
-    """s, standard deviation of the stamps about these."""
+    late: float
+    """s by which a recorded stamp is later, at most."""
 
 
 def scatters(t: Array) -> bool:
@@ -70,8 +70,7 @@ def scatters(t: Array) -> bool:
         return False
     intervals = np.diff(t) / ((t[-1] - t[0]) / (len(t) - 1))
     intervals /= np.median(intervals[intervals > SCATTER])  # packets have nothing but short ones, and long ones
-    off = np.abs(intervals - np.maximum(np.rint(intervals), 1)) > SCATTER
-    return bool(off.mean() > SHARE)
+    return bool((np.abs(intervals - np.maximum(np.rint(intervals), 1)) > SCATTER).any())
 
 
 def on_steady_clocks(
@@ -111,7 +110,7 @@ def on_steady_clocks(
         if clock is not None and clock.gain > -CLEAR:
             ahead = clock.t * ticks
             times = t[0] + (np.rint(ahead).astype(np.int64) if t.dtype.kind == "i" else ahead)
-            what = f"stamps of {_words(stream.names)} scatter by {1e3 * clock.scatter:.2g} ms"
+            what = f"stamps of {_words(stream.names)} up to {1e3 * clock.late:.2g} ms late"
             repairs.append(Repair(f"{what}: those of the steady clock behind them are used"))
         parts.append((times, {name: columns[name][stream.rows] for name in stream.names}))
     return parts, tuple(repairs)
@@ -143,14 +142,16 @@ def steady(t: Array, readings: Array) -> Steady:
     """The steady clock on which readings (T, k), NaN = not measured, with increasing stamps t (T,) s are smoothest."""
     gaps = np.diff(t)
     pieces = np.split(t, np.flatnonzero(gaps > PAUSE * gaps.mean()) + 1)
-    windows = _fastest(readings)
-    rough, best = np.log(_roughness(t, readings, windows)), Steady(t, 0.0, 0.0)
-    stderr = 2 * np.sqrt(readings.shape[1] / windows.size)
+    best = Steady(t, 0.0, 0.0)
     for samples, quantile in SPANS:
         clock = np.maximum.accumulate(np.concatenate([_bound(piece, samples, quantile) for piece in pieces]))
-        gain = float((rough - np.log(_roughness(clock, readings, windows))).sum() / stderr)
+        windows = _telling(readings, t - clock, SCATTER * float(gaps.mean()))
+        if not windows.size:
+            continue
+        smoother = np.log(_roughness(t, readings, windows) / _roughness(clock, readings, windows)).sum()
+        gain = float(smoother / (2 * np.sqrt(readings.shape[1] / windows.size)))
         if gain > best.gain or best.t is t:
-            best = Steady(clock, gain, float(np.std(t - clock)))
+            best = Steady(clock, gain, float(np.max(t - clock)))
     return best
 
 
@@ -188,12 +189,13 @@ def _latest(t: Array, count: Array, period: float) -> Array:
     return np.minimum.accumulate((t - line)[::-1])[::-1] + line
 
 
-def _fastest(readings: Array) -> Array:
-    """(K, WINDOW) the samples of the windows in which any column moves most, as far as it was measured there."""
-    samples = np.arange(len(readings) // WINDOW * WINDOW).reshape(-1, WINDOW)
+def _telling(readings: Array, off: Array, least: float) -> Array:
+    """(K, WINDOW) the samples of windows in which stamps scatter by ``least`` s of ``off`` (T,), and a column moves."""
+    samples = np.arange(len(off) // WINDOW * WINDOW).reshape(-1, WINDOW)
+    samples = samples[np.ptp(off[samples], axis=1) > least]
     moved = np.nan_to_num(np.ptp(readings[samples], axis=1))
-    share = (moved / np.maximum(moved.max(0), TINY)).max(1)
-    return samples[np.argsort(share)[-max(1, int(FASTEST * len(share))) :]]
+    share = (moved / np.maximum(moved.max(0, initial=0), TINY)).max(1, initial=0)
+    return samples[np.argsort(-share)[: max(FEWEST, int(FASTEST * len(share)))]]
 
 
 def _roughness(t: Array, readings: Array, windows: Array) -> Array:
@@ -204,5 +206,5 @@ def _roughness(t: Array, readings: Array, windows: Array) -> Array:
     basis, _ = np.linalg.qr(places[..., None] ** np.arange(DEGREE + 1))
     left = values - basis @ (np.swapaxes(basis, 1, 2) @ values)
     squares = np.sort((left**2).mean(1), 0)
-    rough = squares[: max(1, int(ALIKE * len(squares)))].mean(0)
+    rough = squares[: int(np.ceil(ALIKE * len(squares)))].mean(0)
     return np.where(np.isfinite(rough) & (rough > 0), rough, 1.0)

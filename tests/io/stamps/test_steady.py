@@ -115,7 +115,7 @@ def test_streams_with_clocks_of_their_own(setup, as_integers):
         stamps = tuple(np.rint(1e9 * t).astype(np.int64) + 1_700_000_000_000_000_000 for t in stamps)
     q = arm(joints)[:, :2]
     log = log_of_arrays(setup, stamps, q, rng.normal(size=(2 * T, 6)))
-    assert [repair.what.split(" scatter")[0] for repair in log.repairs] == [
+    assert [repair.what.split(" up to")[0] for repair in log.repairs] == [
         "stamps of the wrench",
         "stamps of the joints",
     ]
@@ -133,7 +133,7 @@ def test_columns_that_are_missing_now_and_then_do_not_matter():
     wrench[::4] = np.nan
     columns = {"q": arm(taken), "dq": np.full((T, 3), np.nan), "wrench": wrench, "temperature": temperature}
     [(t, same)], repairs = on_steady_clocks(late(taken, rng), columns)
-    assert [repair.what.split(" scatter")[0] for repair in repairs] == ["stamps of the joints and the wrench"]
+    assert [repair.what.split(" up to")[0] for repair in repairs] == ["stamps of the joints and the wrench"]
     assert np.std(t - taken) < 0.01 / RATE
     np.testing.assert_array_equal(same["wrench"], wrench)
 
