@@ -3,7 +3,7 @@
 No reading is taken after its stamp of arrival, and the next no sooner than one period later: together all stamps bound
 the time of each from above, and the bound is all but steady as soon as some messages come without waiting. Whether the
 readings were taken then, or when their stamps say (a loop that is woken late stamps rightly), the readings tell: joints
-that move are smooth in time, on the right clock.
+that move are smooth in time, on the right clock. A wrench often does not tell, but messages that arrive together do.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -43,6 +43,9 @@ columns that are of one stream, those that share their rows."""
 CLEAR = 5.0
 """Standard errors by which less must be left over. The logarithm of a mean of n squares of noise has a variance of 2/n,
 the difference of two that have nothing in common twice that."""
+CLOSE, BUNCHED = 0.25, 0.0005
+"""Of the mean interval, and the share of intervals that are shorter: no sensor takes two readings so soon, but messages
+that waited arrive together. Then the readings need not tell, only not deny it."""
 
 
 class Stream(NamedTuple):
@@ -62,6 +65,8 @@ class Steady(NamedTuple):
     """By how much the readings are smoother in time, in standard errors; see ``CLEAR``."""
     late: float
     """s by which a recorded stamp is later, at most."""
+    bunched: bool
+    """Whether stamps are so close together that no sensor took the readings then; see ``BUNCHED``."""
 
 
 def scatters(t: Array) -> bool:
@@ -100,7 +105,7 @@ def on_steady_clocks(
         if scatters(stamps):
             readings = np.concatenate([columns[name][stream.rows].reshape(len(stamps), -1) for name in stream.names], 1)
             found[stream.names] = steady(stamps, readings)
-    if not any(clock.gain > CLEAR for clock in found.values()):
+    if not any(clock.gain > (-CLEAR if clock.bunched else CLEAR) for clock in found.values()):
         return [(t, dict(columns))], ()
     parts, repairs = [], []
     for stream in streams:
@@ -142,7 +147,8 @@ def steady(t: Array, readings: Array) -> Steady:
     """The steady clock on which readings (T, k), NaN = not measured, with increasing stamps t (T,) s are smoothest."""
     gaps = np.diff(t)
     pieces = np.split(t, np.flatnonzero(gaps > PAUSE * gaps.mean()) + 1)
-    best = Steady(t, 0.0, 0.0)
+    bunched = bool((gaps < CLOSE * gaps.mean()).mean() > BUNCHED)
+    best = Steady(t, 0.0, 0.0, bunched)
     for samples, quantile in SPANS:
         clock = np.maximum.accumulate(np.concatenate([_bound(piece, samples, quantile) for piece in pieces]))
         windows = _telling(readings, t - clock, SCATTER * float(gaps.mean()))
@@ -151,7 +157,7 @@ def steady(t: Array, readings: Array) -> Steady:
         smoother = np.log(_roughness(t, readings, windows) / _roughness(clock, readings, windows)).sum()
         gain = float(smoother / (2 * np.sqrt(readings.shape[1] / windows.size)))
         if gain > best.gain or best.t is t:
-            best = Steady(clock, gain, float(np.max(t - clock)))
+            best = Steady(clock, gain, float(np.max(t - clock)), bunched)
     return best
 
 

@@ -126,6 +126,16 @@ def test_streams_with_clocks_of_their_own(setup, as_integers):
     np.testing.assert_array_equal(log.q[rows], q)
 
 
+def test_a_wrench_in_packets_beside_joints_that_are_on_time(setup):
+    rng = np.random.default_rng(0)
+    taken = np.arange(T) / RATE
+    stamps = taken, packets(taken + 0.0013, rng)
+    log = log_of_arrays(setup, stamps, arm(taken)[:, :2], rng.normal(size=(T, 6)))
+    assert [repair.what.split(" up to")[0] for repair in log.repairs] == ["stamps of the wrench"]
+    np.testing.assert_allclose(log.t[~np.isnan(log.q).all(1)], taken, atol=1e-12)
+    np.testing.assert_allclose(log.t[~np.isnan(log.wrench).all(1)][:-8], taken[:-8] + 0.0013, atol=0.05 / RATE)
+
+
 def test_columns_that_are_missing_now_and_then_do_not_matter():
     rng = np.random.default_rng(0)
     taken = np.arange(T) / RATE
