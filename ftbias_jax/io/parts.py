@@ -14,7 +14,7 @@ from ftbias_jax.io.cleaning import Facts, Split, check_rest, findings, leave_out
 from ftbias_jax.io.log import Log, Repairs
 from ftbias_jax.io.remote import is_url
 from ftbias_jax.io.stamps.clock import as_stamps
-from ftbias_jax.io.stamps.steady import scatters
+from ftbias_jax.io.stamps.steady import on_steady_clocks, scatters
 from ftbias_jax.io.tables.array_files import stored_arrays
 from ftbias_jax.io.tables.arrays import ARRAYS
 from ftbias_jax.io.write.provenance import Source
@@ -84,13 +84,14 @@ def _open_npz(file: str, setup: Setup) -> tuple[int, float, Split] | None:
     stamps = as_stamps(next(stored["t"].parts(stored["t"].shape[0])), file=file)
     if (stamps[1:] <= stamps[:-1]).any():
         return None  # samples that must change places are held in memory
-    if scatters(stamps):
-        return None  # and so are those whose stamps may have to be mended
     t, start = relative_seconds(stamps, file=file)
     for name in names:
         if stored[name].shape[:1] != t.shape:
             message = f"has shape {stored[name].shape} for {len(t)} stamps"
             raise LogError(message, file=file, field=name, remedy="give one sample per stamp")
+    begin: dict[str, Array] = {name: next(stored[name].parts(LONG)) for name in names} if scatters(stamps) else {}
+    if begin and on_steady_clocks(stamps[:LONG], begin, file)[1]:
+        return None  # and so are those whose stamps must be mended
 
     def split(size: int) -> Iterator[Log]:
         columns = zip(*(stored[name].parts(size) for name in names), strict=True)

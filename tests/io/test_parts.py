@@ -116,13 +116,17 @@ def spoilt(kind):
         log["wrench"][:, 3] = np.clip(9 * np.sin(np.arange(T) / 50), -20, 5)
     elif kind == "repeated":
         log["t"][50::7] = log["t"][49::7][: len(log["t"][50::7])]
-    else:
+    elif kind == "late":
         log["t"][[120, 121]] = log["t"][[121, 120]]
+    else:
+        log["q"] = np.sin(log["t"][:, None] + np.arange(2))
+        log["t"] = log["t"] + np.random.default_rng(1).uniform(0, 0.003, T)
     return log
 
 
-@pytest.mark.parametrize("kind", ["stuck", "clipped", "repeated", "late"])
-def test_parts_are_repaired_as_the_whole(tmp_path, setup, kind):
+@pytest.mark.parametrize("kind", ["stuck", "clipped", "repeated", "late", "scattered"])
+def test_parts_are_repaired_as_the_whole(tmp_path, setup, kind, monkeypatch):
+    monkeypatch.setattr(parts, "LONG", 300)
     np.savez(tmp_path / "log.npz", **spoilt(kind))
     opened, whole = open_log(tmp_path / "log.npz", setup), read_log(tmp_path / "log.npz", setup)
     assert len(whole.repairs) == 1
