@@ -104,8 +104,9 @@ def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "
     if not len(wrench_t):
         remedy = "record the sensor's wrench"
         raise LogError("no wrench data: all values are NaN", file=file, field="wrench", remedy=remedy)
-    many = min(PACKET, len(wrench_t) - 1)
-    rate = many / np.median(wrench_t[many:] - wrench_t[:-many]) if many else LOWEST_RATE
+    rate = 1 / np.median(np.diff(wrench_t)) if len(wrench_t) > 1 else LOWEST_RATE
+    if rate > HIGHEST_RATE and len(wrench_t) > PACKET:
+        rate = PACKET / np.median(wrench_t[PACKET:] - wrench_t[:-PACKET])
     if not LOWEST_RATE <= rate <= HIGHEST_RATE:
         message = f"the wrench has a rate of {rate:.4g} Hz, which is implausible"
         remedy = "give floating-point time in s, integer time in ns, or state log.time_unit in the setup"

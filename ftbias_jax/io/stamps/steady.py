@@ -12,10 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.io.log import Repair, Repairs
+from ftbias_jax.io.rates import find_held
 from ftbias_jax.io.stamps.clock import one_a_stamp
 from ftbias_jax.types import Array
 
 LEAST_SAMPLES = 256
+HELD = ("q", "wrench")
+"""Arrays whose readings tell whether rows are of several clocks."""
 SCATTER = 0.02
 """Of the usual interval: what is less is steady enough. Intervals of lost samples count as several."""
 SPANS = ((16, 0.5), (16, 0.3), (64, 0.5))
@@ -102,9 +105,10 @@ def on_steady_clocks(
     found = {}
     for stream in streams:
         stamps = (t[stream.rows] - t[0]) / ticks
-        if scatters(stamps):
-            readings = np.concatenate([columns[name][stream.rows].reshape(len(stamps), -1) for name in stream.names], 1)
-            found[stream.names] = steady(stamps, readings)
+        readings = {name: columns[name][stream.rows].reshape(len(stamps), -1) for name in stream.names}
+        # Where readings are held, rows may be of several clocks: a table in which each stream repeats its last reading.
+        if scatters(stamps) and not any(find_held(values) for name, values in readings.items() if name in HELD):
+            found[stream.names] = steady(stamps, np.concatenate(list(readings.values()), 1))
     if not any(clock.gain > (-CLEAR if clock.bunched else CLEAR) for clock in found.values()):
         return [(t, dict(columns))], ()
     parts, repairs = [], []

@@ -126,6 +126,20 @@ def test_streams_with_clocks_of_their_own(setup, as_integers):
     np.testing.assert_array_equal(log.q[rows], q)
 
 
+def test_rows_of_two_clocks_in_which_each_stream_repeats_its_last_reading_keep_their_stamps():
+    rng = np.random.default_rng(0)
+    joints, wrench = np.arange(T) / RATE, 0.0003 + np.arange(T) / 230
+    t = np.union1d(joints, wrench)
+    columns = {
+        name: values[np.maximum(np.searchsorted(stamps, t, side="right") - 1, 0)]
+        for name, stamps, values in (("q", joints, arm(joints)), ("wrench", wrench, rng.normal(size=(T, 6))))
+    }
+    [(stamps, _)], repairs = on_steady_clocks(t, columns)
+    assert scatters(t)
+    assert stamps is t
+    assert not repairs
+
+
 def test_a_wrench_in_packets_beside_joints_that_are_on_time(setup):
     rng = np.random.default_rng(0)
     taken = np.arange(T) / RATE
