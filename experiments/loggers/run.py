@@ -68,10 +68,15 @@ WAIT = 0.3
 """Mean of how long messages wait before they are logged, in intervals; some wait ten times as long."""
 
 
+def queued(arrivals):
+    """No message overtakes another."""
+    return np.maximum.accumulate(arrivals) + 1e-7 * np.arange(len(arrivals))
+
+
 def arrival(t, rng):
     """Messages are logged when they arrive, in order."""
     wait = np.median(np.diff(t)) * rng.exponential(WAIT * np.where(rng.random(len(t)) < 0.01, 10, 1))
-    return np.maximum.accumulate(t + wait) + 1e-7 * np.arange(len(t))
+    return queued(t + wait)
 
 
 def packets(t, rng, count=8):
@@ -84,7 +89,7 @@ def hiccups(t, rng):
     """A recorder is busy for up to 30 ms, five times."""
     wait = np.zeros(len(t))
     wait[rng.integers(0, len(t), 5)] = rng.uniform(0, 0.03, 5)
-    return np.maximum.accumulate(t + wait) + 1e-7 * np.arange(len(t))
+    return queued(t + wait)
 
 
 STAMPS = {

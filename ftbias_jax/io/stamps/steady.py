@@ -17,8 +17,8 @@ from ftbias_jax.io.stamps.clock import one_a_stamp
 from ftbias_jax.types import Array
 
 LEAST_SAMPLES = 256
-HELD = ("q", "wrench")
-"""Arrays whose readings tell whether rows are of several clocks."""
+WORDS = {"q": "the joints", "wrench": "the wrench"}
+"""Arrays whose readings tell whether rows are of several clocks, as they are called in what is said of a stream."""
 SCATTER = 0.02
 """Of the usual interval: what is less is steady enough. Intervals of lost samples count as several."""
 SPANS = ((16, 0.5), (16, 0.3), (64, 0.5))
@@ -51,14 +51,6 @@ CLOSE, BUNCHED = 0.25, 0.0005
 that waited arrive together. Then the readings need not tell, only not deny it."""
 
 
-class Stream(NamedTuple):
-    """Columns of a log that were stamped together."""
-
-    rows: Array
-    """(T,) whether the stream has a sample there."""
-    names: tuple[str, ...]
-
-
 class Steady(NamedTuple):
     """Stamps of a stream, each of which is not later than as recorded."""
 
@@ -66,10 +58,6 @@ class Steady(NamedTuple):
     """(T,) s."""
     gain: float
     """By how much the readings are smoother in time, in standard errors; see ``CLEAR``."""
-    late: float
-    """s by which a recorded stamp is later, at most."""
-    bunched: bool
-    """Whether stamps are so close together that no sensor took the readings then; see ``BUNCHED``."""
 
 
 def scatters(t: Array) -> bool:
@@ -100,38 +88,28 @@ def on_steady_clocks(
     if not scatters(t):
         return [(t, dict(columns))], ()
     columns = {name: one_a_stamp(values, len(t), name, file) for name, values in columns.items()}
-    streams = list(_streams(columns))
     ticks = 1e9 if t.dtype.kind == "i" else 1.0
-    found = {}
-    for stream in streams:
-        stamps = (t[stream.rows] - t[0]) / ticks
-        readings = {name: columns[name][stream.rows].reshape(len(stamps), -1) for name in stream.names}
-        # Where readings are held, rows may be of several clocks: a table in which each stream repeats its last reading.
-        if scatters(stamps) and not any(find_held(values) for name, values in readings.items() if name in HELD):
-            found[stream.names] = steady(stamps, np.concatenate(list(readings.values()), 1))
-    if not any(clock.gain > (-CLEAR if clock.bunched else CLEAR) for clock in found.values()):
+    streams = [(rows, names, (t[rows] - t[0]) / ticks) for rows, names in _streams(columns)]
+    clocks = [_look(stamps, columns, rows, names) for rows, names, stamps in streams]
+    found = [(clock, stamps) for clock, (_, _, stamps) in zip(clocks, streams, strict=True) if clock is not None]
+    if not any(clock.gain > (-CLEAR if _bunched(stamps) else CLEAR) for clock, stamps in found):
         return [(t, dict(columns))], ()
     parts, repairs = [], []
-    for stream in streams:
-        times = t[stream.rows]
-        clock = found.get(stream.names)
+    for clock, (rows, names, stamps) in zip(clocks, streams, strict=True):
+        times = t[rows]
         # What was recorded beside a stream that came late came late as well, also where its readings do not tell.
         if clock is not None and clock.gain > -CLEAR:
             ahead = clock.t * ticks
             times = t[0] + (np.rint(ahead).astype(np.int64) if t.dtype.kind == "i" else ahead)
-            what = f"stamps of {_words(stream.names)} up to {1e3 * clock.late:.2g} ms late"
+            which = " and ".join(word for name, word in WORDS.items() if name in names) or " ".join(names)
+            what = f"stamps of {which} up to {1e3 * np.max(stamps - clock.t):.2g} ms late"
             repairs.append(Repair(f"{what}: those of the steady clock behind them are used"))
-        parts.append((times, {name: columns[name][stream.rows] for name in stream.names}))
+        parts.append((times, {name: columns[name][rows] for name in names}))
     return parts, tuple(repairs)
 
 
-def _words(names: Sequence[str]) -> str:
-    words = {"q": "the joints", "wrench": "the wrench"}
-    return " and ".join(word for name, word in words.items() if name in names) or " ".join(names)
-
-
-def _streams(columns: Mapping[str, Array]) -> Iterator[Stream]:
-    """Columns whose samples share their rows, most of them, are of one stream; the first has the most rows."""
+def _streams(columns: Mapping[str, Array]) -> Iterator[tuple[Array, list[str]]]:
+    """(T,) the rows of each stream, and its columns: those whose samples share their rows, most of them."""
     rows = {name: ~np.isnan(values.reshape(len(values), -1)).all(1) for name, values in columns.items()}
     temperature = rows.pop("temperature", None)
     left = sorted(rows, key=lambda name: -int(rows[name].sum()))
@@ -142,27 +120,45 @@ def _streams(columns: Mapping[str, Array]) -> Iterator[Stream]:
         stream = np.any([rows[name] for name in names], 0)
         if temperature is not None and (temperature & stream).sum() >= ALIKE * min(temperature.sum(), stream.sum()):
             names, temperature = [*names, "temperature"], None  # those in rows of other streams are not needed
-        yield Stream(stream, tuple(names))
+        yield stream, names
     if temperature is not None:
-        yield Stream(temperature, ("temperature",))
+        yield temperature, ["temperature"]
+
+
+def _look(t: Array, columns: Mapping[str, Array], rows: Array, names: Sequence[str]) -> Steady | None:
+    """The steady clock of a stream with stamps t (T,) s; None if they do not scatter, or may be of several clocks."""
+    if not scatters(t):
+        return None
+    readings = {name: columns[name][rows].reshape(len(t), -1) for name in names}
+    # Rows where readings are held may be a table in which each stream repeats its last reading.
+    if any(find_held(readings[name]) for name in WORDS.keys() & readings.keys()):
+        return None
+    return steady(t, np.concatenate(list(readings.values()), 1))
+
+
+def _bunched(t: Array) -> bool:
+    """Whether stamps (T,) are so close together that no sensor took the readings then; see ``BUNCHED``."""
+    gaps = np.diff(t)
+    return bool((gaps < CLOSE * gaps.mean()).mean() > BUNCHED)
 
 
 def steady(t: Array, readings: Array) -> Steady:
     """The steady clock on which readings (T, k), NaN = not measured, with increasing stamps t (T,) s are smoothest."""
     gaps = np.diff(t)
     pieces = np.split(t, np.flatnonzero(gaps > PAUSE * gaps.mean()) + 1)
-    bunched = bool((gaps < CLOSE * gaps.mean()).mean() > BUNCHED)
-    best = Steady(t, 0.0, 0.0, bunched)
-    for samples, quantile in SPANS:
-        clock = np.maximum.accumulate(np.concatenate([_bound(piece, samples, quantile) for piece in pieces]))
-        windows = _telling(readings, t - clock, SCATTER * float(gaps.mean()))
-        if not windows.size:
-            continue
-        smoother = np.log(_roughness(t, readings, windows) / _roughness(clock, readings, windows)).sum()
-        gain = float(smoother / (2 * np.sqrt(readings.shape[1] / windows.size)))
-        if gain > best.gain or best.t is t:
-            best = Steady(clock, gain, float(np.max(t - clock)), bunched)
-    return best
+    clocks = (np.concatenate([_bound(piece, *guess) for piece in pieces]) for guess in SPANS)
+    least = SCATTER * float(gaps.mean())
+    judged = (_judged(np.maximum.accumulate(clock), t, readings, least) for clock in clocks)
+    return max((one for one in judged if one is not None), key=lambda one: one.gain, default=Steady(t, 0.0))
+
+
+def _judged(clock: Array, t: Array, readings: Array, least: float) -> Steady | None:
+    """A clock (T,) s with its gain over the stamps t (T,) s; None if they are alike to ``least`` s in every window."""
+    windows = _telling(readings, t - clock, least)
+    if not windows.size:
+        return None
+    smoother = np.log(_roughness(t, readings, windows) / _roughness(clock, readings, windows)).sum()
+    return Steady(clock, float(smoother / (2 * np.sqrt(readings.shape[1] / windows.size))))
 
 
 def _bound(t: Array, samples: int, quantile: float) -> Array:
