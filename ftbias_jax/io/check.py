@@ -11,6 +11,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.log import Column, Log, Repairs
 from ftbias_jax.io.pose import in_sensor_axes, pose_entries
 from ftbias_jax.io.stamps.clock import as_stamps, on_right_clock, one_a_stamp, put_in_order, since, tidy
+from ftbias_jax.io.stamps.interpolated import readings_only
 from ftbias_jax.io.stamps.steady import on_steady_clocks
 from ftbias_jax.setup.recorded import FORCE_UNITS, TORQUE_UNITS, LogSetup
 from ftbias_jax.setup.types import Setup
@@ -62,7 +63,9 @@ def check_log(
     t, ordered, ordering = put_in_order(t, recorded, file=file)
     parts, restored = on_steady_clocks(t, ordered, file)
     columns = merge_parts(parts, file) if restored else dict(ordered)
-    t, ordering = columns.pop("t", t), (*ordering, *restored)
+    t = columns.pop("t", t)
+    columns, shorter = readings_only(t, columns)
+    ordering = (*ordering, *restored, *shorter)
     q, dq = columns["q"], columns.get("dq")
     t, start = relative_seconds(t, file=file)
     uncertain: Array = np.zeros(3)

@@ -1,4 +1,4 @@
-"""Samples that no sensor in order reports: of axes that stand still, or are at an end of their range.
+"""Samples that no sensor in order reports: of axes that stand still, or at an end of their range, of joints that jump.
 
 A log may come in parts, and is then cleaned as if it were whole.
 """
@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError, UsageError
+from ftbias_jax.io.glitches import find_glitches
 from ftbias_jax.io.health import Axis, Saturation, Still, extend, mask
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.rates import LISTED, Held, Repeats, extend_repeats, held_readings, missing_readings
@@ -38,6 +39,8 @@ class Facts(NamedTuple):
     held: Mapping[str, tuple[Held, Array]] = MappingProxyType({})
     """Array of the log whose readings were published more than once -> how, and (R,) s, the stamps of the repeats;
     joints and rates may have clocks of their own."""
+    jumped: Array = np.zeros(0)
+    """(J,) s, stamps of readings of the joints that no arm can have taken."""
     missing: Repairs = ()
     """Readings of the wrench or the joints that are missing while the others go on."""
 
@@ -51,10 +54,10 @@ def clean(
     held: Collection[str] = STREAMS,
     file: str = "",
 ) -> Log:
-    """The log without samples of clipped and stuck axes and repeats; ``repairs`` names them, left out or not.
+    """The log without samples of clipped and stuck axes, repeats and joints that jump; ``repairs`` names them, left out or not.
 
     ``facts`` are what must be known of it, by ``survey``; None = they are not known yet. ``held`` are the arrays of the
-    log of which repeats are left out.
+    log of which repeats are left out, and of the joints what is no reading.
     """
     facts = facts or survey(slices(log))
     if any(repair.what.endswith(CLEANED) for repair in log.repairs):
@@ -66,12 +69,15 @@ def clean(
 
 
 def leave_out(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True, held: Collection[str] = STREAMS) -> Log:
-    """A log, or a part of it, in which samples of clipped and stuck axes, and repeats, are not measured."""
+    """A log, or a part of it, in which samples of clipped and stuck axes, repeats and jumps are not measured."""
     columns: dict[str, Any] = {}
     for name in facts.held.keys() & held:
         repeats = np.isin(log.t, facts.held[name][1], assume_unique=True)
         columns[name] = np.where(repeats[:, None], np.nan, getattr(log, name))
     log = log._replace(**columns)
+    if "q" in held and len(facts.jumped):
+        jumped = np.isin(log.t, facts.jumped, assume_unique=True)[:, None]
+        log = log._replace(q=np.where(jumped, np.nan, log.q), dq=np.where(jumped, np.nan, log.dq))
     ends = [axis.limits if clipped and axis.clipped else Saturation(np.nan, np.nan) for axis in facts.axes]
     stretches = [axis.stuck if stuck else () for axis in facts.axes]
     if np.isnan(ends).all() and not any(stretches):
@@ -86,6 +92,9 @@ def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: Colle
         used = ": each reading is used once" if name in held else ""
         repeats = f"{len(t)} of {len(stream.repeats)} repeat{used}"
         found.append(Repair(f"{STREAMS[name]} held for up to {stream.samples} samples, {repeats}"))
+    if count := len(facts.jumped):
+        jumps = f"the joints jump away and back, or at an end of the log: {count} readings"
+        found.append(Repair(jumps + (" left out" if "q" in held else ""), lost="q" in held))
     axes = dict(zip(AXES, facts.axes, strict=True))
     if any(axis.clipped for axis in facts.axes):
         what = "samples at the end of the sensor's range" + (" left out" if clipped else "")
@@ -128,8 +137,11 @@ def _survey(split: Split) -> Facts:
     axes = [Axis()] * 6
     repeats, stamps = dict.fromkeys(STREAMS, Repeats()), {name: [np.zeros(0)] for name in STREAMS}
     first_q: Array = np.nan
+    jumped = [np.zeros(0)]
     for part in split(PART):
         seen = ~np.isnan(part.q)
+        whole = np.flatnonzero(seen.all(1))
+        jumped.append(part.t[whole[find_glitches(part.t[whole], part.q[whole])]])
         first = np.where(seen.any(0), np.take_along_axis(part.q, seen.argmax(0)[None], 0)[0], np.nan)
         first_q = np.where(np.isnan(first_q), first, first_q)
         for name in STREAMS:
@@ -146,7 +158,7 @@ def _survey(split: Split) -> Facts:
     wrench_t, joint_t = every_t["wrench"], every_t["q"]
     of_joints = missing_readings(STREAMS["q"], joint_t, wrench_t)  # that they are slower is usual
     missing = *missing_readings(STREAMS["wrench"], wrench_t, joint_t), *(one for one in of_joints if one.lost)
-    return Facts(first_q, wrench_t, tuple(axes), helds, missing)
+    return Facts(first_q, wrench_t, tuple(axes), helds, np.concatenate(jumped), missing)
 
 
 def slices(*logs: Log) -> Split:

@@ -46,8 +46,9 @@ SAME_ROWS = 0.9
 """Share of the readings whose stamp the other stream has too, from which on both are columns of one table."""
 FEW = 0.9
 """Share of the rows of such a table below which it is told that only so many have a reading."""
-REGULAR = 0.9
-"""Share of readings equally many rows apart, from which on they are those of a slower sensor; else some were lost."""
+REGULAR, UNSTEADY = 0.9, 0.25
+"""Share of readings as many rows apart as usual, to a share of that, from which on they are those of a slower sensor;
+else some were lost."""
 
 
 class Repeats(NamedTuple):
@@ -156,7 +157,8 @@ def missing_readings(which: str, t: Array, other_t: Array) -> Repairs:
     rows = len(other_t) - in_gaps
     if np.isin(t, other_t, assume_unique=True).mean() > SAME_ROWS and len(t) < FEW * rows:
         apart = between[1:-1][~gaps[1:-1]]
-        slower = len(apart) > 0 and (apart == np.median(apart)).mean() > REGULAR
+        usual_apart = np.median(apart) if len(apart) else 0.0
+        slower = len(apart) > 0 and (np.abs(apart - usual_apart) <= UNSTEADY * usual_apart).mean() > REGULAR
         why = f"taken as a stream of {1 / intervals[~gaps[1:-1]].mean():.3g} Hz" if slower else "the others are missing"
         found.append(Repair(f"{which} measured in {len(t)} of {rows} rows: {why}", lost=not slower))
     return tuple(found)

@@ -1,7 +1,7 @@
 """The passes over noise and bias of a log whose joints are known: each takes a log as far as it is known, and adds."""
 
 import jax.numpy as jnp
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ftbias_jax.filtering import bias_filter
 from ftbias_jax.filtering.fast.scan import Smoothed, filter_scan
@@ -18,6 +18,9 @@ from ftbias_jax.types import Array, Gaussian, Sample
 
 GATE = 6.0
 """Standard deviations: with the noise of the log, spikes and short contacts are off by more, and nothing else is."""
+
+AT_FIRST = 1.0
+"""s from the first sample on, after which a gate that a few odd readings shut is open again, if it is to be trusted."""
 
 
 def fit_noise(work: Work) -> Work:
@@ -123,9 +126,15 @@ def summarise(work: Work) -> tuple[Params, States, Infos]:
         reading_std=_root(_reading_variance(work.params.bias, shown, work.speeds)),
         log_likelihood=work.log_likelihood + known.log_likelihood,
         noise=noise,
-        kept_out=1 - used.sum() / jnp.maximum(free.sum(), 1),
+        kept_out=_kept_out(used, free),
+        kept_out_at_first=_kept_out(used, free & (work.t <= AT_FIRST)),
     )
     return work.params, states, infos
+
+
+def _kept_out(used: Bool[Array, " T"], free: Bool[Array, " T"]) -> Array:
+    """Share of the free samples that were not used."""
+    return 1 - (used & free).sum() / jnp.maximum(free.sum(), 1)
 
 
 def _without_contact(work: Work) -> Sample:

@@ -74,7 +74,7 @@ def ready_to_filter(
         noise = nothing()
     else:
         noise = told(infos.noise, layout, slow_is_stated=slow)
-        if infos.kept_out > 1 - LEAST_USED:
+        if max(infos.kept_out, infos.kept_out_at_first) > 1 - LEAST_USED:
             again = run((*method[:-1], "begin_at_median", "filter_bias", *last))
             if better := again[2].kept_out < infos.kept_out:
                 taken, states, infos = again

@@ -107,3 +107,5 @@ class Infos(NamedTuple):
     """What the log shows of its noise; None = the method was not to look, or the log is too short."""
     kept_out: Float[Array, ""]
     """Share of the free samples that the gate keeps out."""
+    kept_out_at_first: Float[Array, ""]
+    """That of the first second."""

@@ -16,7 +16,7 @@ MARGIN = 0.05
 """s beside a contact that are left out with it."""
 TOUCHED = "no free motion: something touches the tool from the first to the last second, and the bias may be off"
 TARE = "do not trust it; tare with nothing at the tool, or record some seconds of free motion"
-BEGUN_AGAIN = "from its first readings on, the gate kept out most of the log: the bias begins at its median instead"
+BEGUN_AGAIN = "the gate kept out most of what follows the first readings: the bias begins at the median of the log instead"
 
 
 class LogNoise(NamedTuple):
@@ -32,7 +32,7 @@ class LogNoise(NamedTuple):
     inflation: Array
     """(6,) factor, 1 or more, of the standard deviations of bias and drift: what the innovations still contradict."""
     begun_again: bool = False
-    """Whether the bias begins at the log's median, because from the first readings the gate kept out most of it."""
+    """Whether the bias begins at the log's median, because after the first readings the gate kept out most."""
     hidden: Array = np.zeros(6)
     """(6,) N, Nm: how far the bias may be off because the tool is touched all along; 0 = the log has free motion."""
     kept_out: float = 0.0
