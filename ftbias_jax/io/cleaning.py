@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError, UsageError
-from ftbias_jax.io.glitches import find_glitches
+from ftbias_jax.io.glitches import find_jumps, find_repeats
 from ftbias_jax.io.health import Axis, Saturation, Still, extend, mask
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.rates import LISTED, Held, Repeats, extend_repeats, held_readings, missing_readings
@@ -39,8 +39,10 @@ class Facts(NamedTuple):
     held: Mapping[str, tuple[Held, Array]] = MappingProxyType({})
     """Array of the log whose readings were published more than once -> how, and (R,) s, the stamps of the repeats;
     joints and rates may have clocks of their own."""
-    jumped: Array = np.zeros(0)
-    """(J,) s, stamps of readings of the joints that no arm can have taken."""
+    stale: Array = np.zeros(0)
+    """(S,) s, stamps of joints that repeat a reading now and then while they move."""
+    jumps: Mapping[str, Array] = MappingProxyType({})
+    """Array of the joints -> (J,) s, stamps of readings where no arm can have been."""
     missing: Repairs = ()
     """Readings of the wrench or the joints that are missing while the others go on."""
 
@@ -54,10 +56,10 @@ def clean(
     held: Collection[str] = STREAMS,
     file: str = "",
 ) -> Log:
-    """The log without samples of clipped and stuck axes, repeats and joints that jump; ``repairs`` names them, left out or not.
+    """The log without samples of clipped and stuck axes, repeats and jumps; ``repairs`` names them, left out or not.
 
     ``facts`` are what must be known of it, by ``survey``; None = they are not known yet. ``held`` are the arrays of the
-    log of which repeats are left out, and of the joints what is no reading.
+    log of which repeats and glitches are left out.
     """
     facts = facts or survey(slices(log))
     if any(repair.what.endswith(CLEANED) for repair in log.repairs):
@@ -71,13 +73,13 @@ def clean(
 def leave_out(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True, held: Collection[str] = STREAMS) -> Log:
     """A log, or a part of it, in which samples of clipped and stuck axes, repeats and jumps are not measured."""
     columns: dict[str, Any] = {}
-    for name in facts.held.keys() & held:
-        repeats = np.isin(log.t, facts.held[name][1], assume_unique=True)
-        columns[name] = np.where(repeats[:, None], np.nan, getattr(log, name))
+    repeats = [(name, t) for name, (_, t) in facts.held.items()] + [("q", facts.stale), ("dq", facts.stale)]
+    jumps = [*facts.jumps.items(), ("dq", facts.jumps.get("q", ()))]  # speeds are of the same message
+    for name, t in (*repeats, *jumps):
+        if name in held and len(t):
+            out = np.isin(log.t, t, assume_unique=True)
+            columns[name] = np.where(out[:, None], np.nan, columns.get(name, getattr(log, name)))
     log = log._replace(**columns)
-    if "q" in held and len(facts.jumped):
-        jumped = np.isin(log.t, facts.jumped, assume_unique=True)[:, None]
-        log = log._replace(q=np.where(jumped, np.nan, log.q), dq=np.where(jumped, np.nan, log.dq))
     ends = [axis.limits if clipped and axis.clipped else Saturation(np.nan, np.nan) for axis in facts.axes]
     stretches = [axis.stuck if stuck else () for axis in facts.axes]
     if np.isnan(ends).all() and not any(stretches):
@@ -92,9 +94,14 @@ def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: Colle
         used = ": each reading is used once" if name in held else ""
         repeats = f"{len(t)} of {len(stream.repeats)} repeat{used}"
         found.append(Repair(f"{STREAMS[name]} held for up to {stream.samples} samples, {repeats}"))
-    if count := len(facts.jumped):
-        jumps = f"the joints jump away and back, or at an end of the log: {count} readings"
-        found.append(Repair(jumps + (" left out" if "q" in held else ""), lost="q" in held))
+    if len(facts.stale):
+        used = " are used once" if "q" in held else ""
+        found.append(
+            Repair(f"{STREAMS['q']} still now and then, and elsewhere at the next reading: {len(facts.stale)}{used}")
+        )
+    for name, t in facts.jumps.items():
+        what = f"{STREAMS[name]} where no arm can have got to in {len(t)} readings"
+        found.append(Repair(what + (", left out" if name in held else ""), lost=name in held))
     axes = dict(zip(AXES, facts.axes, strict=True))
     if any(axis.clipped for axis in facts.axes):
         what = "samples at the end of the sensor's range" + (" left out" if clipped else "")
@@ -122,26 +129,28 @@ def check_rest(facts: Facts, clipped: bool, stuck: bool, file: str = "") -> None
 
 
 def survey(split: Split) -> Facts:
-    """Read a log for what must be known of all of it: once, and again if readings are held."""
+    """Read a log for what must be known of all of it: once, and again if readings are repeated."""
     facts = _survey(split)
-    if not facts.held:
+    if not facts.held and not len(facts.stale):
         return facts
+    repeats = facts._replace(jumps={})
 
     def once(size: int) -> Iterator[Log]:
-        return (leave_out(part, facts, clipped=False, stuck=False) for part in split(size))
+        return (leave_out(part, repeats, clipped=False, stuck=False) for part in split(size))
 
-    return _survey(once)._replace(held=facts.held, missing=facts.missing)
+    return _survey(once)._replace(held=facts.held, stale=facts.stale, missing=facts.missing)
 
 
 def _survey(split: Split) -> Facts:
     axes = [Axis()] * 6
     repeats, stamps = dict.fromkeys(STREAMS, Repeats()), {name: [np.zeros(0)] for name in STREAMS}
     first_q: Array = np.nan
-    jumped = [np.zeros(0)]
+    stale, jumps = np.zeros(0), {"q": np.zeros(0), "dq": np.zeros(0)}
     for part in split(PART):
+        stale = np.r_[stale, part.t[find_repeats(part.t, part.q)]]
+        jumps["q"] = np.r_[jumps["q"], part.t[find_jumps(part.t, part.q)]]
+        jumps["dq"] = np.r_[jumps["dq"], part.t[find_jumps(part.t, part.dq, order=1)]]
         seen = ~np.isnan(part.q)
-        whole = np.flatnonzero(seen.all(1))
-        jumped.append(part.t[whole[find_glitches(part.t[whole], part.q[whole])]])
         first = np.where(seen.any(0), np.take_along_axis(part.q, seen.argmax(0)[None], 0)[0], np.nan)
         first_q = np.where(np.isnan(first_q), first, first_q)
         for name in STREAMS:
@@ -152,13 +161,16 @@ def _survey(split: Split) -> Facts:
     every_t = {name: np.concatenate(kept) for name, kept in stamps.items()}
     helds = {}
     for name, t in every_t.items():
-        found = held_readings(repeats[name])
-        if found is not None and found.repeats.any():
-            helds[name] = found, t[found.repeats]
+        held = held_readings(repeats[name])
+        if held is not None and held.repeats.any():
+            helds[name] = held, t[held.repeats]
     wrench_t, joint_t = every_t["wrench"], every_t["q"]
     of_joints = missing_readings(STREAMS["q"], joint_t, wrench_t)  # that they are slower is usual
     missing = *missing_readings(STREAMS["wrench"], wrench_t, joint_t), *(one for one in of_joints if one.lost)
-    return Facts(first_q, wrench_t, tuple(axes), helds, np.concatenate(jumped), missing)
+    stale = np.zeros(0) if "q" in helds else stale
+    return Facts(
+        first_q, wrench_t, tuple(axes), helds, stale, {name: t for name, t in jumps.items() if len(t)}, missing
+    )
 
 
 def slices(*logs: Log) -> Split:

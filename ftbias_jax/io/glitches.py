@@ -1,4 +1,4 @@
-"""Joint readings that no arm can have taken: a message of zeros, a bit that flipped, the first before the driver began.
+"""Joint readings that no arm can have taken: messages of zeros, bits that flipped, the last one again and again.
 
 One of them among 20,000 counts, where what the joints do is not known better than to their acceleration: 0.01 rad for
 one sample at 500 Hz is 5000 rad/s^2.
@@ -10,35 +10,72 @@ from ftbias_jax.types import Array
 
 ACCELERATION = 100.0
 """rad/s^2 or m/s^2, more than arms do: a jump is what this, over one interval, does not explain."""
-NOISE, USUAL = 8.0, 0.95
-"""A jump is so many times the deviation that this share of the steps stays below."""
+HALT = 5.0
+"""The same, from a steady speed to none, to the last digit: an arm that brakes slows down before it stands still."""
+NOISE, USUAL = 16.0, 0.95
+"""A jump is so many times the deviation that this share of the steps stays below: where readings come a little late, a
+step now and then is that of several intervals."""
 FINEST, STEPS = 0.05, 5.0
 """Share of the steps that are shorter than those of a coarse encoder, which moves by one at least; a jump is more."""
 FASTEST = 0.99
 """Share of the steps that are slower than what is believed of the speed after a jump."""
 LONGEST = 0.5
-"""s from a jump to the next, at most: what lasts may be true."""
+"""s from a jump until a joint is back, or that joints repeat a reading, at most: what lasts may be true."""
 SPAN = 7
 """Steps by the median of which an arm is said to move at the ends of a log."""
+NONE = np.zeros(0, int)
 
 
-def find_glitches(t: Array, q: Array) -> Array:
-    """(G,) the rows of joints q (T, n) rad at increasing t (T,) s on which a joint has jumped away.
+def find_jumps(t: Array, x: Array, order: int = 2) -> Array:
+    """The rows (G,) on which joints have jumped away, until they are back where they can have gone meanwhile.
 
-    They last until it is back where it can have gone meanwhile; those at the beginning or end of a log are few.
+    Args:
+        t: (T,) s, increasing.
+        x: (T, n) NaN = not measured.
+        order: how often acceleration was integrated: 2 = x are positions, 1 = speeds.
+
+    Returns:
+        none as a rule; those at the beginning or end of a log are few.
     """
-    if len(t) < SPAN:
-        return np.zeros(0, int)
+    rows = np.flatnonzero(~np.isnan(x).any(1))
+    t, x = t[rows], x[rows]
+    if len(t) < 2 * SPAN:
+        return NONE
     interval = float(np.median(np.diff(t)))
-    steps = _turned(np.diff(q, axis=0))
-    bends = np.abs(np.diff(steps, axis=0)).max(0)
-    suspects = np.flatnonzero(bends > ACCELERATION * interval**2)
-    return np.unique(np.concatenate([np.zeros(0, int), *(_off(t, steps[:, joint], interval) for joint in suspects)]))
+    steps = _turned(np.diff(x, axis=0))
+    least = ACCELERATION * interval**order
+    suspects = np.flatnonzero(np.abs(np.diff(steps, axis=0)).max(0) > least)
+    return rows[np.unique(np.concatenate([NONE, *(_off(t, steps[:, column], least) for column in suspects)]))]
 
 
-def _off(t: Array, steps: Array, interval: float) -> Array:
-    """(G,) the rows on which one joint is off, from its steps (T - 1,) rad at t (T,) s, ``interval`` s apart."""
+def find_repeats(t: Array, q: Array) -> Array:
+    """(G,) the rows of q (T, n) rad at t (T,) s that repeat another, though the arm moves just before or after."""
+    rows = np.flatnonzero(~np.isnan(q).any(1))
+    t, q = t[rows], q[rows]
+    same = (q[1:] == q[:-1]).all(1)
+    if not same.any():
+        return NONE
+    edges = np.diff(np.r_[0, same, 0].astype(int))
+    first, last = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)  # rows of the reading, and of its last repeat
+    lengths = np.abs(np.diff(q, axis=0))
+    least = np.maximum(HALT * float(np.median(np.diff(t))) ** 2, STEPS * _finest(lengths))
+    steps = np.pad(lengths, ((3, 4), (0, 0)))
+    beside = [np.stack([steps[row + k] for k in range(3)]) for row in (first, last + 4)]
+    steady = [(three.min(0) > np.maximum(least, three.max(0) / 2)).any(1) for three in beside]
+    stopped = (steady[0] | steady[1]) & (t[last] - t[first] <= LONGEST)
+    runs = zip(first[stopped], last[stopped], strict=True)
+    return rows[np.concatenate([NONE, *(np.arange(a + 1, b + 1) for a, b in runs)])]
+
+
+def _finest(lengths: Array) -> Array:
+    """(n,) the shortest of the steps (T, n) that are any, but for a few."""
+    return np.array([np.quantile(x[x > 0], FINEST) if x.any() else 0.0 for x in lengths.T])
+
+
+def _off(t: Array, steps: Array, least: float) -> Array:
+    """(G,) the rows on which one column is off, from its steps (T - 1,) at t (T,) s; less than ``least`` is no jump."""
     took = np.diff(t)
+    interval = float(np.median(took))
     speeds = steps / np.maximum(took, interval / 2)
     first, last = np.median(speeds[:SPAN]), np.median(speeds[-SPAN:])
     padded = _middle(np.r_[[first] * 3, speeds, [last] * 3])
@@ -48,9 +85,8 @@ def _off(t: Array, steps: Array, interval: float) -> Array:
     excess = np.maximum(np.maximum(steps - high, low - steps), 0) - (high - low)
     fastest = float(np.quantile(np.abs(speeds), FASTEST))
     excess -= fastest * np.maximum(took - interval, 0)  # where samples were lost, more can have happened
-    lengths = np.abs(steps[steps != 0])
-    finest = float(np.quantile(lengths, FINEST))
-    least = max(ACCELERATION * interval**2, NOISE * float(np.quantile(excess, USUAL)), STEPS * finest)
+    finest = float(_finest(np.abs(steps)[:, None])[0])
+    least = max(least, NOISE * float(np.quantile(excess, USUAL)), STEPS * finest)
     q, off, back, speed = np.r_[0.0, np.cumsum(steps)], [], -3, 0.0
     for jump in np.flatnonzero(excess > least):
         if jump < back:
@@ -70,7 +106,7 @@ def _off(t: Array, steps: Array, interval: float) -> Array:
         elif t[-1] - t[jump] <= LONGEST:
             off.append(rows)
             break
-    return np.concatenate([np.zeros(0, int), *off])
+    return np.concatenate([NONE, *off])
 
 
 def _turned(angles: Array) -> Array:

@@ -136,11 +136,11 @@ def _resolution(values: Array) -> Array:
     units = [power * 10.0 ** (1 - digits) for digits in DIGITS] + [
         np.full(size.shape, 10.0**-places) for places in DECIMALS
     ]
-    finest = np.maximum(np.finfo(float).eps * len(units) * size.max(0), TINY)
+    finest = np.finfo(float).eps * len(units) * size.max(0)
     single = (values[few] == values[few].astype(np.float32)).all(0)
     finest = np.where(single, np.finfo(np.float32).eps * size, finest)
     for unit in units:
         lasts = values[few] / unit[few]
         whole = (np.abs(lasts - np.rint(lasts)) < WHOLE).all(0)
         finest = np.where(whole, np.maximum(finest, unit), finest)
-    return finest
+    return np.maximum(finest, TINY)
