@@ -94,14 +94,13 @@ def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: Colle
         used = ": each reading is used once" if name in held else ""
         repeats = f"{len(t)} of {len(stream.repeats)} repeat{used}"
         found.append(Repair(f"{STREAMS[name]} held for up to {stream.samples} samples, {repeats}"))
-    if len(facts.stale):
-        used = " are used once" if "q" in held else ""
-        found.append(
-            Repair(f"{STREAMS['q']} still now and then, and elsewhere at the next reading: {len(facts.stale)}{used}")
-        )
-    for name, t in facts.jumps.items():
-        what = f"{STREAMS[name]} where no arm can have got to in {len(t)} readings"
-        found.append(Repair(what + (", left out" if name in held else ""), lost=name in held))
+    out = " left out" if "q" in held else ""
+    if count := len(facts.stale):
+        found.append(Repair(f"{STREAMS['q']} still now and then, and have moved on at the next reading: {count}{out}"))
+    of_speeds = np.setdiff1d(facts.jumps.get("dq", ()), facts.jumps.get("q", ()))
+    for name, t in (("q", facts.jumps.get("q", ())), ("dq", of_speeds)):
+        if len(t):
+            found.append(Repair(f"{STREAMS[name]} where no arm can be: {len(t)} readings{out}", lost=bool(out)))
     axes = dict(zip(AXES, facts.axes, strict=True))
     if any(axis.clipped for axis in facts.axes):
         what = "samples at the end of the sensor's range" + (" left out" if clipped else "")

@@ -4,6 +4,8 @@ One of them among 20,000 counts, where what the joints do is not known better th
 one sample at 500 Hz is 5000 rad/s^2.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ftbias_jax.types import Array
@@ -37,24 +39,24 @@ def find_jumps(t: Array, x: Array, order: int = 2) -> Array:
     Returns:
         none as a rule; those at the beginning or end of a log are few.
     """
-    rows = np.flatnonzero(~np.isnan(x).any(1))
-    t, x = t[rows], x[rows]
+    rows, t, x = _measured(t, x)
     if len(t) < 2 * SPAN:
         return NONE
     interval = float(np.median(np.diff(t)))
-    steps = _turned(np.diff(x, axis=0))
+    steps = np.diff(x, axis=0)
     least = ACCELERATION * interval**order
     suspects = np.flatnonzero(np.abs(np.diff(steps, axis=0)).max(0) > least)
-    return rows[np.unique(np.concatenate([NONE, *(_off(t, steps[:, column], least) for column in suspects)]))]
+    return rows[np.unique(np.concatenate([NONE, *(_off(t, _turned(steps[:, column]), least) for column in suspects)]))]
 
 
 def find_repeats(t: Array, q: Array) -> Array:
     """(G,) the rows of q (T, n) rad at t (T,) s that repeat another, though the arm moves just before or after."""
-    rows = np.flatnonzero(~np.isnan(q).any(1))
-    t, q = t[rows], q[rows]
-    same = (q[1:] == q[:-1]).all(1)
-    if not same.any():
-        return NONE
+    rows, t, q = _measured(t, q)
+    same = np.ones(max(len(t) - 1, 0), bool)
+    for joint in q.T:
+        same &= joint[1:] == joint[:-1]
+        if not same.any():
+            return NONE
     edges = np.diff(np.r_[0, same, 0].astype(int))
     first, last = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)  # rows of the reading, and of its last repeat
     lengths = np.abs(np.diff(q, axis=0))
@@ -67,54 +69,79 @@ def find_repeats(t: Array, q: Array) -> Array:
     return rows[np.concatenate([NONE, *(np.arange(a + 1, b + 1) for a, b in runs)])]
 
 
+def _measured(t: Array, x: Array) -> tuple[Array, Array, Array]:
+    """The rows on which all of x (T, n) was measured, their stamps, and what was."""
+    rows = np.flatnonzero(~np.isnan(x @ np.ones(x.shape[1])))
+    return (rows, t, x) if len(rows) == len(t) else (rows, t[rows], x[rows])
+
+
 def _finest(lengths: Array) -> Array:
     """(n,) the shortest of the steps (T, n) that are any, but for a few."""
     return np.array([np.quantile(x[x > 0], FINEST) if x.any() else 0.0 for x in lengths.T])
+
+
+class _Speeds(NamedTuple):
+    """Of one column, in units of it per s."""
+
+    before: Array
+    """(T - 1,) median of the three steps before each."""
+    after: Array
+    """(T - 1,) of the three after it."""
+    last: float
+    """At the end of the log."""
+    fastest: float
+    """What is believed of a speed."""
+
+
+def _speeds(steps: Array, took: Array, interval: float) -> _Speeds:
+    """Of steps (T - 1,) that took so many s, where ``interval`` s is usual."""
+    speeds = steps / np.maximum(took, interval / 2)
+    first, last = np.median(speeds[:SPAN]), np.median(speeds[-SPAN:])
+    a, b, c = (np.r_[[first] * 3, speeds, [last] * 3][k:][: len(steps) + 4] for k in range(3))
+    middle = np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))
+    return _Speeds(middle[:-4], middle[4:], float(last), float(np.quantile(np.abs(speeds), FASTEST)))
+
+
+def _excess(steps: Array, took: Array, interval: float, speeds: _Speeds) -> Array:
+    """(T - 1,) by how much a step is more, or less, than any speed between that before and that after it explains."""
+    either = np.stack([speed * time for speed in (speeds.before, speeds.after) for time in (took, interval)])
+    low, high = either.min(0), either.max(0)
+    lost = speeds.fastest * np.maximum(took - interval, 0)  # where samples were lost, more can have happened
+    return np.maximum(np.maximum(steps - high, low - steps), 0) - (high - low) - lost
 
 
 def _off(t: Array, steps: Array, least: float) -> Array:
     """(G,) the rows on which one column is off, from its steps (T - 1,) at t (T,) s; less than ``least`` is no jump."""
     took = np.diff(t)
     interval = float(np.median(took))
-    speeds = steps / np.maximum(took, interval / 2)
-    first, last = np.median(speeds[:SPAN]), np.median(speeds[-SPAN:])
-    padded = _middle(np.r_[[first] * 3, speeds, [last] * 3])
-    before, after = padded[: len(steps)], padded[4:]  # medians of the three steps before each, and after it
-    bounds = np.stack([before * took, after * took, before * interval, after * interval])
-    low, high = bounds.min(0), bounds.max(0)
-    excess = np.maximum(np.maximum(steps - high, low - steps), 0) - (high - low)
-    fastest = float(np.quantile(np.abs(speeds), FASTEST))
-    excess -= fastest * np.maximum(took - interval, 0)  # where samples were lost, more can have happened
+    speeds = _speeds(steps, took, interval)
+    excess = _excess(steps, took, interval, speeds)
     finest = float(_finest(np.abs(steps)[:, None])[0])
     least = max(least, NOISE * float(np.quantile(excess, USUAL)), STEPS * finest)
-    q, off, back, speed = np.r_[0.0, np.cumsum(steps)], [], -3, 0.0
+    x, off, back, speed = np.r_[0.0, np.cumsum(steps)], [NONE], -3, 0.0
     for jump in np.flatnonzero(excess > least):
         if jump < back:
             continue
-        speed = before[jump] if jump >= back + 3 else speed  # what is before a second jump is no speed
+        speed = speeds.before[jump] if jump >= back + 3 else speed  # what is before a second jump is no speed
         rows = np.arange(jump + 1, np.searchsorted(t, t[jump] + LONGEST, "right"))
-        gap, later = t[rows] - t[jump], np.clip(np.r_[after, last][rows - 1], -fastest, fastest)
+        later = np.clip(np.r_[speeds.after, speeds.last][rows - 1], -speeds.fastest, speeds.fastest)
+        gap = t[rows] - t[jump]
         reach = least + np.abs(speed - later) / 2 * gap
-        near = np.abs(_turned(q[rows] - q[jump] - (speed + later) / 2 * gap)) <= reach
-        near &= np.r_[near[1:], True]  # one alone may be by chance
-        lasts = int(near.argmax()) if near.any() else len(t)
-        if jump < lasts and t[jump] - t[0] <= LONGEST:
+        near = np.abs(_turned(x[rows] - x[jump] - (speed + later) / 2 * gap)) <= reach
+        jumps_back = np.abs(steps[rows - 1] - later * took[rows - 1]) > least
+        near &= np.r_[near[1:], True] & jumps_back  # one that is near by chance, or passes by, has not come back
+        away = int(near.argmax()) if near.any() else len(t)
+        if jump < away and t[jump] - t[0] <= LONGEST:
             off.append(np.arange(jump + 1))
         elif near.any():
-            back = rows[lasts]
+            back = rows[away]
             off.append(np.arange(jump + 1, back))
         elif t[-1] - t[jump] <= LONGEST:
             off.append(rows)
             break
-    return np.concatenate([NONE, *off])
+    return np.concatenate(off)
 
 
 def _turned(angles: Array) -> Array:
     """The angles less whole turns: one that begins anew has not jumped."""
     return angles - 2 * np.pi * np.rint(angles / (2 * np.pi))
-
-
-def _middle(x: Array) -> Array:
-    """Medians of three in a row."""
-    a, b, c = x[:-2], x[1:-1], x[2:]
-    return np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.errors import LogError, UsageError
-from ftbias_jax.io.cleaning import clean
+from ftbias_jax.io.cleaning import clean, slices, survey
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.tables.poses import Poses
 
@@ -69,3 +69,49 @@ def test_a_wrench_of_which_nothing_is_left_is_refused():
 def test_static_poses_are_no_log_of_motion():
     with pytest.raises(UsageError, match="identify_tool"):
         clean(Poses(np.arange(4.0), True, np.zeros((4, 2)), np.zeros((4, 6))))
+
+
+def in_motion():
+    """A log of joints that swing and of their speeds, five readings of which are wrong; and the rows of those."""
+    t = np.arange(2000) * 0.004
+    swing = np.stack([0.5 * np.sin(2 * t), np.sin(t + 1)], 1)
+    q, dq = 1.5 + swing, np.stack([np.cos(2 * t), np.cos(t + 1)], 1)
+    jumps, stale = np.array([0, 700, 701]), np.array([1200, 1201])
+    q[jumps] = [[0], [0], [0.1]]
+    q[stale] = q[1199]
+    dq[900] = 40
+    log = recorded(t=t, q=q, dq=dq, temperature=np.full(len(t), np.nan))
+    return log._replace(wrench=np.random.default_rng(0).normal(size=(len(t), 6))), jumps, stale
+
+
+def test_joints_where_no_arm_can_have_been_are_left_out_with_their_speeds():
+    log, jumps, stale = in_motion()
+    cleaned = clean(log)
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(cleaned.q).any(1)), np.sort(np.r_[jumps, stale]))
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(cleaned.dq).any(1)), np.sort(np.r_[jumps, 900, stale]))
+    assert not np.isnan(cleaned.wrench).any()
+    told = {repair.what: repair.lost for repair in cleaned.repairs}
+    assert told == {
+        "the joints are still now and then, and have moved on at the next reading: 2 left out": False,
+        "the joints are where no arm can be: 3 readings left out": True,
+        "the velocities are where no arm can be: 1 readings left out": True,
+    }
+
+
+def test_readings_that_are_left_out_for_a_diagnosis_are_kept_in_the_raw_log():
+    log, *_ = in_motion()
+    raw = clean(log, held=())
+    np.testing.assert_array_equal(raw.q, log.q)
+    assert [repair.lost for repair in raw.repairs] == [False] * 3
+    cleaned, of_raw = clean(log, held=("q", "dq")), clean(raw, held=("q", "dq"))
+    np.testing.assert_array_equal(of_raw.q, cleaned.q)
+    assert of_raw.repairs == cleaned.repairs
+    assert clean(cleaned).repairs == cleaned.repairs
+    halves = [log._replace(**rows(log, part)) for part in (slice(1000), slice(1000, 2000))]
+    parts = survey(slices(*halves))
+    for name, times in survey(slices(log)).jumps.items():
+        np.testing.assert_array_equal(parts.jumps[name], times)
+
+
+def rows(log, part):
+    return {name: getattr(log, name)[part] for name in ("t", "q", "dq", "wrench", "temperature")}

@@ -14,14 +14,16 @@ from ftbias_jax.types import Array
 
 WORDS = {"wrench": "the wrench was", "q": "the joints were", "dq": "the velocities were"}
 """Arrays that are looked at, and how lines about them begin."""
-WINDOW, WINDOWS = 256, 16
-"""Rows in a row, and how many such windows of a log are looked at."""
+WINDOW, WINDOWS = 256, (2, 16)
+"""Rows in a row, and how many such windows of a log are looked at, at first and if these leave it open."""
 FEWEST = 3, 30
 """Bends of a window from which on it tells, as an arm at rest has none, and of those together."""
 STAMP = 1e-6
 """s to which stamps are good."""
-DECIMALS, DIGITS = range(1, 10), range(4, 10)
+DECIMALS, DIGITS = np.arange(1, 10), np.arange(4, 10)
 """After the point, or significant, with which programs write numbers."""
+DOUBLE = 16 * np.finfo(float).eps
+"""Of the largest, what sums of double precision are good for."""
 FEW, WHOLE, SLACK, TINY = 64, 1e-3, 1.05, 1e-30
 """Values by which it is told how a column was written, how near they are to whole numbers of the last digit, and over
 the distance from a line that rounding makes."""
@@ -65,27 +67,36 @@ def readings_only(t: Array, columns: Mapping[str, Array]) -> tuple[dict[str, Arr
         if name not in columns:
             continue
         values = np.asarray(columns[name], float).reshape(len(t), -1)
-        measured = np.flatnonzero(~np.isnan(values).any(1))
-        readings = find_readings(np.asarray(t[measured] - t[0], float), values[measured])
+        readings = find_readings(t, values)
         if readings is None:
             continue
         out = np.ones(len(t), bool)
-        out[measured[readings]] = False
+        out[readings] = False
         kept[name] = np.where(out[:, None], np.nan, values)
-        what = f"interpolated between readings, {len(readings)} in {len(measured)} rows: those are used"
+        rows = np.count_nonzero(~np.isnan(values).any(1))
+        what = f"interpolated between readings, {len(readings)} in {rows} rows: those are used"
         repairs.append(Repair(f"{WORDS[name]} {what}"))
     return kept, tuple(repairs)
 
 
 def find_readings(t: Array, values: Array) -> Array | None:
     """(R,) the rows of values (T, k) at t (T,) nearest to the readings between which they are interpolated, or None."""
-    if len(t) < 2 * WINDOW:
+    measured = np.flatnonzero(~np.isnan(values @ np.ones(values.shape[1])))
+    if len(measured) < 2 * WINDOW:
         return None
-    blocks = np.linspace(0, len(t) - WINDOW, WINDOWS, dtype=int)[:, None] + np.arange(WINDOW)
-    looked_at = blocks.ravel() if len(t) > blocks.size else np.arange(len(t))
-    if not _interpolated(_bends(t[looked_at], values[looked_at])):
+    bends = _bends(t, values, _some(measured, WINDOWS[0]))
+    if bends.bent.sum() > (1 - STRAIGHT) * bends.changes.sum():  # as a rule
         return None
-    return _nearest_rows(_bends(t, values))
+    if not _interpolated(_bends(t, values, _some(measured, WINDOWS[1]))):
+        return None
+    return measured[_nearest_rows(_bends(t, values, measured))]
+
+
+def _some(rows: Array, windows: int) -> Array:
+    """So many windows of the rows, or all if they are fewer."""
+    if len(rows) <= windows * WINDOW:
+        return rows
+    return rows[np.linspace(0, len(rows) - WINDOW, windows, dtype=int)[:, None] + np.arange(WINDOW)].ravel()
 
 
 def _interpolated(bends: _Bends) -> bool:
@@ -118,29 +129,35 @@ def _nearest_rows(bends: _Bends) -> Array:
     return np.concatenate([*between, rows[-1:]])
 
 
-def _bends(t: Array, values: Array) -> _Bends:
-    before, after = np.diff(t)[:-1, None], np.diff(t)[1:, None]
+def _bends(t: Array, values: Array, rows: Array) -> _Bends:
+    """Of some rows of values (T, k) at t (T,)."""
+    values, seconds = values[rows], np.asarray(t[rows] - t[0], float)
+    if t.dtype.kind == "i":
+        seconds *= 1e-9
+    before, after = np.diff(seconds)[:-1, None], np.diff(seconds)[1:, None]
     steps = np.diff(values, axis=0)
     slope = (steps[:-1] + steps[1:]) / (before + after)
     rounding = SLACK * _resolution(values)[1:-1] + STAMP * np.abs(slope)
-    size = np.zeros(len(t))
+    size = np.zeros(len(values))
     size[1:-1] = (np.abs(steps[:-1] - slope * before) / rounding).max(1)
     return _Bends(size, np.r_[(steps != 0).any(1), False])
 
 
 def _resolution(values: Array) -> Array:
     """(T, k) by how much each value differs from another at least, as the values (T, k) were written."""
-    size = np.abs(values)
-    power = 10.0 ** np.floor(np.log10(np.maximum(size, TINY)))
-    few = np.linspace(0, len(values) - 1, FEW, dtype=int)
-    units = [power * 10.0 ** (1 - digits) for digits in DIGITS] + [
-        np.full(size.shape, 10.0**-places) for places in DECIMALS
-    ]
-    finest = np.finfo(float).eps * len(units) * size.max(0)
-    single = (values[few] == values[few].astype(np.float32)).all(0)
-    finest = np.where(single, np.finfo(np.float32).eps * size, finest)
-    for unit in units:
-        lasts = values[few] / unit[few]
-        whole = (np.abs(lasts - np.rint(lasts)) < WHOLE).all(0)
-        finest = np.where(whole, np.maximum(finest, unit), finest)
-    return np.maximum(finest, TINY)
+    few = values[np.linspace(0, len(values) - 1, FEW, dtype=int)]
+    decimals, digits = 10.0 ** -DECIMALS[:, None, None], 10.0 ** (1 - DIGITS[:, None, None])
+    units = np.concatenate([np.broadcast_to(decimals, (len(decimals), *few.shape)), digits * _power(few)])
+    lasts = few / units
+    written = (np.abs(lasts - np.rint(lasts)) < WHOLE).all(1)  # (units, k)
+    single = (few == few.astype(np.float32)).all(0)
+    best = np.where(written, units.mean(1), 0).argmax(0)
+    finest = np.where(single, np.finfo(np.float32).eps * np.abs(values), DOUBLE * np.abs(values).max(0))
+    fixed, floating = np.append(decimals, np.zeros(len(DIGITS))), np.append(np.zeros(len(DECIMALS)), digits)
+    unit = fixed[best] + floating[best] * _power(values)
+    return np.maximum(np.where(written.any(0), np.maximum(unit, finest), finest), TINY)
+
+
+def _power(x: Array) -> Array:
+    """The power of ten of numbers."""
+    return 10.0 ** np.floor(np.log10(np.maximum(np.abs(x), TINY)))
