@@ -25,6 +25,8 @@ LONGEST = 0.5
 """s from a jump until a joint is back, or that joints repeat a reading, at most: what lasts may be true."""
 SPAN = 7
 """Steps by the median of which an arm is said to move at the ends of a log."""
+FEWEST = 100
+"""Readings by which it is told how an arm moves."""
 NONE = np.zeros(0, int)
 
 
@@ -40,7 +42,7 @@ def find_jumps(t: Array, x: Array, order: int = 2) -> Array:
         none as a rule; those at the beginning or end of a log are few.
     """
     rows, t, x = _measured(t, x)
-    if len(t) < 2 * SPAN:
+    if len(t) < FEWEST:
         return NONE
     interval = float(np.median(np.diff(t)))
     steps = np.diff(x, axis=0)

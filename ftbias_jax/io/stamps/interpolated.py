@@ -63,10 +63,10 @@ def readings_only(t: Array, columns: Mapping[str, Array]) -> tuple[dict[str, Arr
         the columns, NaN where nothing was measured; and a line for each that has become shorter.
     """
     kept, repairs = dict(columns), []
-    for name in WORDS:
-        if name not in columns:
-            continue
-        values = np.asarray(columns[name], float).reshape(len(t), -1)
+    for name in [name for name in WORDS if name in columns]:
+        values = np.asarray(columns[name])
+        if values.dtype.kind != "f" or values.ndim != 2 or len(values) != len(t):
+            continue  # whole numbers have no line between them, and what is no log is refused later
         readings = find_readings(t, values)
         if readings is None:
             continue
