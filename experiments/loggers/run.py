@@ -1,4 +1,4 @@
-"""What loggers and controllers do to joints and stamps, done to logs whose setup is right: nothing may be diagnosed.
+"""What loggers and controllers do to joints, stamps and tables, done to logs whose setup is right: nothing may be diagnosed.
 
 python experiments/loggers/run.py [--count 12] [--seed 1127] writes result.json beside this script.
 """
@@ -49,6 +49,36 @@ def velocities(log):
     return np.gradient(log.q, log.t, axis=0)
 
 
+def somewhere(log):
+    """Three rows of a log, far apart."""
+    return np.array([3, 5, 8]) * len(log.t) // 10
+
+
+def with_rows(values, rows, others):
+    changed = values.copy()
+    changed[rows] = others[rows]
+    return changed
+
+
+def zeros(log, rows):
+    """Messages without content: joints, velocities and wrench are zero."""
+    changed = {name: with_rows(getattr(log, name), rows, 0 * getattr(log, name)) for name in ("q", "dq", "wrench")}
+    return log._replace(**changed)
+
+
+def frozen(log, samples=20):
+    """The last joints again and again, while they are missing."""
+    rows = (somewhere(log)[:, None] + np.arange(samples)).ravel()
+    before = np.repeat(somewhere(log), samples)
+    q, dq = log.q.copy(), log.dq.copy()
+    q[rows], dq[rows] = q[before], dq[before]
+    return log._replace(q=q, dq=dq)
+
+
+def stopped(values, samples=20):
+    return np.concatenate([values[:-samples], np.repeat(values[-samples - 1 : -samples], samples, 0)])
+
+
 CHANGES = {
     "as recorded": lambda log: log,
     "no velocities": lambda log: log._replace(dq=np.full_like(log.q, np.nan)),
@@ -62,6 +92,11 @@ CHANGES = {
     "velocities are differences of positions": lambda log: log._replace(dq=velocities(log)),
     "the same, smoothed": lambda log: log._replace(dq=lagging(velocities(log), log.t, 0.02)),
     "joints held for four samples": lambda log: log._replace(q=held(log.q, 4), dq=held(log.dq, 4)),
+    "three joint readings off by 0.1 rad": lambda log: log._replace(q=with_rows(log.q, somewhere(log), log.q + 0.1)),
+    "three messages of zeros": lambda log: zeros(log, somewhere(log)),
+    "the first message is zeros": lambda log: zeros(log, [0]),
+    "the joints stand still for 20 samples, three times": frozen,
+    "the last 20 samples repeat the joints": lambda log: log._replace(q=stopped(log.q), dq=stopped(log.dq)),
 }
 """Name -> a log as some loggers or controllers write it."""
 WAIT = 0.3
@@ -102,6 +137,27 @@ STAMPS = {
     "stamps rounded to milliseconds": lambda t, rng: np.round(t, 3),
 }
 """Name -> (T,) s, the stamps in the file of readings that were taken at t (T,) s."""
+SLOWER = 40.0
+"""Hz: of readings that were interpolated linearly onto the rows."""
+
+
+def interpolated(names):
+    """Some arrays were read more slowly, and interpolated onto the rows, as most programs do."""
+
+    def change(arrays, rng):
+        t = arrays["t"]
+        taken = t[:: round((len(t) - 1) / (t[-1] - t[0]) / SLOWER)]
+        slow = {name: arrays[name][np.searchsorted(t, taken)] for name in names if name in arrays}
+        return {**arrays, **{n: np.stack([np.interp(t, taken, x) for x in v.T], 1) for n, v in slow.items()}}
+
+    return change
+
+
+TABLES = {
+    "joints interpolated from 40 Hz": interpolated(("q", "dq")),
+    "joints and wrench interpolated from 40 Hz": interpolated(("q", "dq", "wrench")),
+}
+"""Name -> the arrays of a file that some programs make of those of a log."""
 STATED = {
     "noise of positions stated 5 times too small": "position_noise_std",
     "noise of velocities stated 5 times too small": "velocity_noise_std",
@@ -124,18 +180,20 @@ def named(setup, log):
     return " ".join([cause.effect for cause in found.causes] + ["term" for _ in found.terms]) or "none"
 
 
-def stamped(path, setup, change, seed):
-    """The log of a file with other stamps."""
-    arrays = dict(np.load(path))
-    t = change(arrays.pop("t"), np.random.default_rng(seed))
-    return ft.Log.from_arrays(setup, t, **arrays, raw=True)
+def stamped(change):
+    return lambda arrays, rng: {**arrays, "t": change(arrays["t"], rng)}
+
+
+def read_again(path, setup, change, seed):
+    """The log of a file with other stamps or readings."""
+    return ft.Log.from_arrays(setup, **change(dict(np.load(path)), np.random.default_rng(seed)), raw=True)
 
 
 def study(path, setup, log, truth, seed):
     """(name, what is named, error of the bias over that of the log as recorded or None) of each change."""
     best = bias_error(setup, log, truth)
-    for name, change in STAMPS.items():
-        changed = stamped(path, setup, change, seed)
+    for name, change in {**{name: stamped(stamps) for name, stamps in STAMPS.items()}, **TABLES}.items():
+        changed = read_again(path, setup, change, seed)
         yield name, named(setup, changed), bias_error(setup, changed, truth) / best
     for name, change in CHANGES.items():
         changed = change(log)
