@@ -1,4 +1,4 @@
-"""What loggers and controllers do to joints, stamps and tables, done to logs whose setup is right: nothing may be diagnosed.
+"""What loggers do to joints, stamps and tables, done to logs whose setup is right: nothing may be diagnosed.
 
 python experiments/loggers/run.py [--count 12] [--seed 1127] writes result.json beside this script.
 """

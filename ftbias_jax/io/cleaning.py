@@ -21,6 +21,8 @@ PART = 1 << 16
 """Samples looked at together."""
 STREAMS = {"wrench": "the wrench is", "q": "the joints are", "dq": "the velocities are"}
 """Array of a log -> how lines about it begin; dq may be what an IMU says."""
+ASIDE = 0.3
+"""s on both sides of a jump from which there is no way back, that are left out: no smooth motion leads across."""
 CLEANED = ("left out", "is used once")  # ends of lines
 
 Split = Callable[[int], Iterator[Log]]
@@ -43,6 +45,8 @@ class Facts(NamedTuple):
     """(S,) s, stamps of joints that repeat a reading now and then while they move."""
     jumps: Mapping[str, Array] = MappingProxyType({})
     """Array of the joints -> (J,) s, stamps of readings where no arm can have been."""
+    breaks: Array = np.zeros(0)
+    """(B,) s, stamps from which on the joints are elsewhere, and nothing is on the way."""
     missing: Repairs = ()
     """Readings of the wrench or the joints that are missing while the others go on."""
 
@@ -79,6 +83,10 @@ def leave_out(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True, 
         if name in held and len(t):
             out = np.isin(log.t, t, assume_unique=True)
             columns[name] = np.where(out[:, None], np.nan, columns.get(name, getattr(log, name)))
+    if "q" in held and len(facts.breaks):
+        out = (np.abs(log.t[:, None] - facts.breaks) < ASIDE).any(1)
+        for name in STREAMS:
+            columns[name] = np.where(out[:, None], np.nan, columns.get(name, getattr(log, name)))
     log = log._replace(**columns)
     ends = [axis.limits if clipped and axis.clipped else Saturation(np.nan, np.nan) for axis in facts.axes]
     stretches = [axis.stuck if stuck else () for axis in facts.axes]
@@ -101,6 +109,11 @@ def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: Colle
     for name, t in (("q", facts.jumps.get("q", ())), ("dq", of_speeds)):
         if len(t):
             found.append(Repair(f"{STREAMS[name]} where no arm can be: {len(t)} readings{out}", lost=bool(out)))
+    if len(facts.breaks):
+        times = ", ".join(f"{t:.1f}" for t in facts.breaks[:LISTED])
+        what = f"the joints go on elsewhere {len(facts.breaks)} times, at {times} s: samples are missing there"
+        about = f", and those {ASIDE:g} s before and after are left out" if out else ""
+        found.append(Repair(what + about, lost=bool(out)))
     axes = dict(zip(AXES, facts.axes, strict=True))
     if any(axis.clipped for axis in facts.axes):
         what = "samples at the end of the sensor's range" + (" left out" if clipped else "")
@@ -132,7 +145,7 @@ def survey(split: Split) -> Facts:
     facts = _survey(split)
     if not facts.held and not len(facts.stale):
         return facts
-    repeats = facts._replace(jumps={})
+    repeats = facts._replace(jumps={}, breaks=np.zeros(0))
 
     def once(size: int) -> Iterator[Log]:
         return (leave_out(part, repeats, clipped=False, stuck=False) for part in split(size))
@@ -144,11 +157,12 @@ def _survey(split: Split) -> Facts:
     axes = [Axis()] * 6
     repeats, stamps = dict.fromkeys(STREAMS, Repeats()), {name: [np.zeros(0)] for name in STREAMS}
     first_q: Array = np.nan
-    stale, jumps = np.zeros(0), {"q": np.zeros(0), "dq": np.zeros(0)}
+    stale, breaks, jumps = np.zeros(0), np.zeros(0), {"q": np.zeros(0), "dq": np.zeros(0)}
     for part in split(PART):
         stale = np.r_[stale, part.t[find_repeats(part.t, part.q)]]
-        jumps["q"] = np.r_[jumps["q"], part.t[find_jumps(part.t, part.q)]]
-        jumps["dq"] = np.r_[jumps["dq"], part.t[find_jumps(part.t, part.dq, order=1)]]
+        off, elsewhere = find_jumps(part.t, part.q)
+        jumps["q"], breaks = np.r_[jumps["q"], part.t[off]], np.r_[breaks, part.t[elsewhere]]
+        jumps["dq"] = np.r_[jumps["dq"], part.t[find_jumps(part.t, part.dq, order=1)[0]]]
         seen = ~np.isnan(part.q)
         first = np.where(seen.any(0), np.take_along_axis(part.q, seen.argmax(0)[None], 0)[0], np.nan)
         first_q = np.where(np.isnan(first_q), first, first_q)
@@ -167,9 +181,8 @@ def _survey(split: Split) -> Facts:
     of_joints = missing_readings(STREAMS["q"], joint_t, wrench_t)  # that they are slower is usual
     missing = *missing_readings(STREAMS["wrench"], wrench_t, joint_t), *(one for one in of_joints if one.lost)
     stale = np.zeros(0) if "q" in helds else stale
-    return Facts(
-        first_q, wrench_t, tuple(axes), helds, stale, {name: t for name, t in jumps.items() if len(t)}, missing
-    )
+    jumps = {name: t for name, t in jumps.items() if len(t)}
+    return Facts(first_q, wrench_t, tuple(axes), helds, stale, jumps, breaks, missing)
 
 
 def slices(*logs: Log) -> Split:

@@ -30,8 +30,10 @@ FEWEST = 100
 NONE = np.zeros(0, int)
 
 
-def find_jumps(t: Array, x: Array, order: int = 2) -> Array:
-    """The rows (G,) on which joints have jumped away, until they are back where they can have gone meanwhile.
+def find_jumps(t: Array, x: Array, order: int = 2) -> tuple[Array, Array]:
+    """The rows (G,) on which joints have jumped away, and those (B,) from which on they are elsewhere and stay.
+
+    Who has jumped away is back where it can have gone meanwhile.
 
     Args:
         t: (T,) s, increasing.
@@ -39,16 +41,18 @@ def find_jumps(t: Array, x: Array, order: int = 2) -> Array:
         order: how often acceleration was integrated: 2 = x are positions, 1 = speeds.
 
     Returns:
-        none as a rule; those at the beginning or end of a log are few.
+        none as a rule; those off at the beginning or end of a log are few.
     """
     rows, t, x = _measured(t, x)
     if len(t) < FEWEST:
-        return NONE
+        return NONE, NONE
     interval = float(np.median(np.diff(t)))
     steps = np.diff(x, axis=0)
     least = ACCELERATION * interval**order
     suspects = np.flatnonzero(np.abs(np.diff(steps, axis=0)).max(0) > least)
-    return rows[np.unique(np.concatenate([NONE, *(_off(t, _turned(steps[:, column]), least) for column in suspects)]))]
+    found = [_off(t, _turned(steps[:, column]), least) for column in suspects]
+    off = np.unique(np.concatenate([NONE, *(of_column for of_column, _ in found)]))
+    return rows[off], rows[np.setdiff1d(np.concatenate([NONE, *(breaks for _, breaks in found)]), off)]
 
 
 def find_repeats(t: Array, q: Array) -> Array:
@@ -112,8 +116,8 @@ def _excess(steps: Array, took: Array, interval: float, speeds: _Speeds) -> Arra
     return np.maximum(np.maximum(steps - high, low - steps), 0) - (high - low) - lost
 
 
-def _off(t: Array, steps: Array, least: float) -> Array:
-    """(G,) the rows on which one column is off, from its steps (T - 1,) at t (T,) s; less than ``least`` is no jump."""
+def _off(t: Array, steps: Array, least: float) -> tuple[Array, Array]:
+    """As ``find_jumps``, of one column with steps (T - 1,) at t (T,) s, of which less than ``least`` is no jump."""
     took = np.diff(t)
     interval = float(np.median(took))
     speeds = _speeds(steps, took, interval)
@@ -121,6 +125,7 @@ def _off(t: Array, steps: Array, least: float) -> Array:
     finest = float(_finest(np.abs(steps)[:, None])[0])
     least = max(least, NOISE * float(np.quantile(excess, USUAL)), STEPS * finest)
     x, off, back, speed = np.r_[0.0, np.cumsum(steps)], [NONE], -3, 0.0
+    breaks = []
     for jump in np.flatnonzero(excess > least):
         if jump < back:
             continue
@@ -141,7 +146,9 @@ def _off(t: Array, steps: Array, least: float) -> Array:
         elif t[-1] - t[jump] <= LONGEST:
             off.append(rows)
             break
-    return np.concatenate(off)
+        else:
+            breaks.append(int(jump) + 1)
+    return np.concatenate(off), np.array(breaks, int)
 
 
 def _turned(angles: Array) -> Array:

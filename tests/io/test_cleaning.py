@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.errors import LogError, UsageError
-from ftbias_jax.io.cleaning import clean, slices, survey
+from ftbias_jax.io.cleaning import ASIDE, clean, slices, survey
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.tables.poses import Poses
 
@@ -111,6 +111,20 @@ def test_readings_that_are_left_out_for_a_diagnosis_are_kept_in_the_raw_log():
     parts = survey(slices(*halves))
     for name, times in survey(slices(log)).jumps.items():
         np.testing.assert_array_equal(parts.jumps[name], times)
+
+
+def test_a_log_that_goes_on_elsewhere_is_left_out_there():
+    """No smooth motion leads across, and the wrench on the way would be taken for contact."""
+    log = recorded(t=np.arange(T) * 0.01, q=np.sin(np.arange(T)[:, None] * 0.01 + [0.0, 1.0]))
+    log.q[500:] += 0.4
+    cleaned = clean(log)
+    out = np.abs(log.t - 5) < ASIDE
+    for name in ("q", "wrench"):
+        np.testing.assert_array_equal(np.isnan(getattr(cleaned, name)).all(1), out)
+    (repair,) = cleaned.repairs
+    assert repair.lost
+    assert repair.what.startswith("the joints go on elsewhere 1 times, at 5.0 s: samples are missing there")
+    assert clean(cleaned).repairs == cleaned.repairs
 
 
 def rows(log, part):

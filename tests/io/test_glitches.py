@@ -5,10 +5,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ftbias_jax.io.glitches import find_jumps, find_repeats
+from ftbias_jax.io import glitches
+from ftbias_jax.io.glitches import find_repeats
 
 SECONDS = 12.0
 RATES = (50.0, 125.0, 500.0, 1000.0)
+
+
+def find_jumps(t, x, order=2):
+    off, breaks = glitches.find_jumps(t, x, order)
+    assert not len(breaks)
+    return off
 
 
 def arm(rate, seed=0, noise=1e-5, joints=3):
@@ -36,7 +43,9 @@ def test_an_arm_that_moves_has_none(rate, seed, noise, digits):
         assert not len(find_jumps(t[~lost], x[~lost], order))
     assert not len(find_jumps(t, (q + np.pi) % (2 * np.pi) - np.pi))  # an angle that begins anew
     stepped = q + 0.5 * (t > 7)[:, None]
-    assert not len(find_jumps(t, stepped))  # lasts, and may be true
+    off, breaks = glitches.find_jumps(t, stepped)  # lasts, and may be true
+    assert not len(off)
+    assert list(breaks) == [np.argmax(t > 7)]
 
 
 @pytest.mark.parametrize("rate", RATES)
