@@ -43,21 +43,26 @@ def find_jumps(t: Array, x: Array, order: int = 2) -> tuple[Array, Array]:
     Returns:
         none as a rule; those off at the beginning or end of a log are few.
     """
-    rows, t, x = _measured(t, x)
-    if len(t) < FEWEST:
-        return NONE, NONE
-    interval = float(np.median(np.diff(t)))
-    steps = np.diff(x, axis=0)
-    least = ACCELERATION * interval**order
-    suspects = np.flatnonzero(np.abs(np.diff(steps, axis=0)).max(0) > least)
-    found = [_off(t, _turned(steps[:, column]), least) for column in suspects]
-    off = np.unique(np.concatenate([NONE, *(of_column for of_column, _ in found)]))
-    return rows[off], rows[np.setdiff1d(np.concatenate([NONE, *(breaks for _, breaks in found)]), off)]
+    off, breaks = [NONE], [NONE]
+    for rows, times, values in _together(t, x):
+        if len(times) < FEWEST:
+            continue
+        least = ACCELERATION * float(np.median(np.diff(times))) ** order
+        steps = np.diff(values, axis=0)
+        for column in np.flatnonzero(np.abs(np.diff(steps, axis=0)).max(0) > least):
+            jumped, stays = _off(times, _turned(steps[:, column]), least)
+            off.append(rows[jumped])
+            breaks.append(rows[stays])
+    return np.unique(np.concatenate(off)), np.setdiff1d(np.concatenate(breaks), np.concatenate(off))
 
 
 def find_repeats(t: Array, q: Array) -> Array:
     """(G,) the rows of q (T, n) rad at t (T,) s that repeat another, though the arm moves just before or after."""
-    rows, t, q = _measured(t, q)
+    return np.unique(np.concatenate([NONE, *(rows[_stale(*measured)] for rows, *measured in _together(t, q))]))
+
+
+def _stale(t: Array, q: Array) -> Array:
+    """As ``find_repeats``, of joints that were all measured."""
     same = np.ones(max(len(t) - 1, 0), bool)
     for joint in q.T:
         same &= joint[1:] == joint[:-1]
@@ -72,13 +77,15 @@ def find_repeats(t: Array, q: Array) -> Array:
     steady = [(three.min(0) > np.maximum(least, three.max(0) / 2)).any(1) for three in beside]
     stopped = (steady[0] | steady[1]) & (t[last] - t[first] <= LONGEST)
     runs = zip(first[stopped], last[stopped], strict=True)
-    return rows[np.concatenate([NONE, *(np.arange(a + 1, b + 1) for a, b in runs)])]
+    return np.concatenate([NONE, *(np.arange(a + 1, b + 1) for a, b in runs)])
 
 
-def _measured(t: Array, x: Array) -> tuple[Array, Array, Array]:
-    """The rows on which all of x (T, n) was measured, their stamps, and what was."""
-    rows = np.flatnonzero(~np.isnan(x @ np.ones(x.shape[1])))
-    return (rows, t, x) if len(rows) == len(t) else (rows, t[rows], x[rows])
+def _together(t: Array, x: Array) -> list[tuple[Array, Array, Array]]:
+    """Of x (T, n) at t (T,): rows, their stamps, and the columns that were measured on all of them and no others."""
+    if not np.isnan(x @ np.ones(x.shape[1])).any():
+        return [(np.arange(len(x)), t, x)]
+    patterns, which = np.unique(~np.isnan(x), axis=1, return_inverse=True)
+    return [(np.flatnonzero(rows), t[rows], x[rows][:, which == k]) for k, rows in enumerate(patterns.T)]
 
 
 def _finest(lengths: Array) -> Array:

@@ -84,6 +84,9 @@ def test_rows_that_are_not_measured_are_no_rows():
     q[::3] = np.nan
     q[100] = 9
     np.testing.assert_array_equal(find_jumps(t, q), [100])
+    q[::2, 0] = np.nan  # joints may have clocks of their own
+    q[401] = [np.nan, 9, np.nan]
+    np.testing.assert_array_equal(find_jumps(t, q), [100, 401])
     assert not len(find_jumps(t, np.full_like(q, np.nan)))
     assert not len(find_repeats(t, np.full_like(q, np.nan)))
     assert not len(find_jumps(t[:99], q[20:119]))
