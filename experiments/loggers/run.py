@@ -75,6 +75,14 @@ def frozen(log, samples=20):
     return log._replace(q=q, dq=dq)
 
 
+def lost(log, samples=20):
+    """Rows without stamps of their own: from the middle on, they are said to be earlier than they were."""
+    middle = len(log.t) // 2
+    rows = np.r_[:middle, middle + samples : len(log.t)]
+    t = log.t - np.where(log.t > log.t[middle], log.t[middle + samples] - log.t[middle], 0)
+    return log._replace(**{name: getattr(log, name)[rows] for name in ("q", "dq", "wrench", "temperature")}, t=t[rows])
+
+
 def stopped(values, samples=20):
     return np.concatenate([values[:-samples], np.repeat(values[-samples - 1 : -samples], samples, 0)])
 
@@ -96,6 +104,7 @@ CHANGES = {
     "three messages of zeros": lambda log: zeros(log, somewhere(log)),
     "the first message is zeros": lambda log: zeros(log, [0]),
     "the joints stand still for 20 samples, three times": frozen,
+    "samples are lost, and the others counted": lost,
     "the last 20 samples repeat the joints": lambda log: log._replace(q=stopped(log.q), dq=stopped(log.dq)),
 }
 """Name -> a log as some loggers or controllers write it."""

@@ -151,6 +151,32 @@ def rpy_in_degrees(tables, arrays, rng):
     tables["sensor"]["rotation_rpy"] = np.degrees(tables["sensor"]["rotation_rpy"]).tolist()
 
 
+def _inner(arrays, rng, count):
+    """Joints that are neither the first, which may turn about the vertical, nor the last, which turns the sensor."""
+    return rng.choice(np.arange(1, arrays["q"].shape[1] - 1), count, replace=False)
+
+
+def joints_exchanged(tables, arrays, rng):
+    order = np.arange(arrays["q"].shape[1])
+    pair = _inner(arrays, rng, 2)
+    order[pair] = pair[::-1]
+    arrays.update({name: arrays[name][:, order] for name in ("q", "dq") if name in arrays})
+
+
+def joint_turned_round(tables, arrays, rng):
+    signs = np.where(np.arange(arrays["q"].shape[1]) == _inner(arrays, rng, 1), -1, 1)
+    arrays.update({name: arrays[name] * signs for name in ("q", "dq") if name in arrays})
+
+
+def joint_from_another_zero(tables, arrays, rng):
+    turning = np.array(
+        [j.get("type") != "prismatic" for j in tables["robot"].get("joints", [{}] * arrays["q"].shape[1])]
+    )
+    joint = rng.choice(np.flatnonzero(turning[:-1])[1:])
+    ahead = rng.choice([np.pi / 2, np.pi, -np.pi / 2]) * (np.arange(arrays["q"].shape[1]) == joint)
+    arrays["q"] = arrays["q"] + ahead
+
+
 MISTAKES = {
     "sign": ("sign", sign),
     "gravity up": ("gravity", setting("robot", "gravity", [0.0, 0.0, 9.81])),
@@ -170,6 +196,9 @@ MISTAKES = {
         ),
     ),
     "q in degrees": ("angle_units", degrees),
+    "two joints exchanged": ("joint_convention", joints_exchanged),
+    "a joint turned round": ("joint_convention", joint_turned_round),
+    "a joint from another zero": ("joint_convention", joint_from_another_zero),
     "rpy in degrees": ("angle_units", rpy_in_degrees),
     "force and torque swapped": ("force_torque_swapped", swapped),
     "sensor turned 180 deg": ("sensor_axes", turned(np.diag([-1, -1, 1]))),

@@ -155,7 +155,7 @@ def recorded(seconds):
 ON_POSES = [  # those that need no joints
     name
     for name in mistakes.MISTAKES
-    if not name.endswith("degrees") and "compensated" not in name and "base frame" not in name
+    if not name.endswith("degrees") and "compensated" not in name and "joint" not in name and "base frame" not in name
 ]
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from ftbias_jax.check.motion import arm_motion
 from ftbias_jax.check.mounts import LEAST_TURN, OTHER_REPORT, mount_in_degrees, mounts
 from ftbias_jax.check.regression import Tool, stated_tool, without_bias
 from ftbias_jax.check.state import Alternative, State
+from ftbias_jax.types import Array
 
 G, LBF, LBF_IN = 9.80665, 4.4482216, 8.8507458
 """N in a kilogram-force, N in a pound-force, and pound-force inches in 1 Nm."""
@@ -41,6 +42,7 @@ def all_alternatives(state: State) -> Iterator[Alternative]:
     yield from degrees(state)
     yield from mount_in_degrees(state)
     yield from _gravity(state)
+    yield from _joints(state)
     if state.case.layout.axes.all():
         yield _swapped(state)
         yield from _base_frame(state)
@@ -112,6 +114,37 @@ def degrees(state: State) -> Iterator[Alternative]:
         yield Alternative("angle_units", words, state.but(motion=motion), 2, setup=mend)
         if not case.moves:
             break
+
+
+def _joints(state: State) -> Iterator[Alternative]:
+    """Two joints of the log have changed places, or one turns the other way, or begins at another zero."""
+    setup, bins = state.case.setup, state.case.bins
+    if setup.pose is not None:
+        return
+    names, turns = setup.robot.joint_names, np.abs(setup.robot.screws[:, 3:]).any(1)
+    for first, second in combinations(range(len(names)), 2):
+        order = np.arange(len(names))
+        order[[first, second]] = second, first
+        words = (
+            f"the joints {names[first]} and {names[second]} have changed places: give them in the order of the setup"
+        )
+        yield _moved(state, words, *(x[:, order] for x in (bins.q, bins.dq, bins.ddq)))
+    for joint, name in enumerate(names):
+        sign = np.where(np.arange(len(names)) == joint, -1.0, 1)
+        words = f"the joint {name} moves the other way: turn its sign in the log, or its axis in the setup"
+        yield _moved(state, words, *(x * sign for x in (bins.q, bins.dq, bins.ddq)))
+        for degrees_off in (90, 180, -90) if turns[joint] else ():
+            ahead = np.radians(degrees_off) * (np.arange(len(names)) == joint)
+            words = f"the zero of the joint {name} is {degrees_off} degrees off: add these to it in the log"
+            yield _moved(state, words, bins.q + ahead, bins.dq, bins.ddq)
+
+
+def _moved(state: State, words: str, q: Array, dq: Array, ddq: Array) -> Alternative:
+    """The joints moved like this."""
+    setup = state.case.setup
+    return Alternative(
+        "joint_convention", words, state.but(motion=arm_motion(setup.robot, setup.sensor, q, dq, ddq)), 6
+    )
 
 
 def _gravity(state: State) -> Iterator[Alternative]:

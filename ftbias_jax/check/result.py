@@ -16,6 +16,7 @@ MISTAKES: Mapping[str, str] = {
     "gravity": "gravity points another way in the base frame",
     "wrench_units": "force or torque are in other units than N and Nm",
     "tool_units": "the tool's mass or lengths are in other units than kg and m",
+    "joint_convention": "joints of the log have another order, direction or zero than those of the setup",
     "angle_units": "joint angles or the sensor's rotation are in degrees",
     "force_torque_swapped": "the torque stands where the force should be",
     "sensor_axes": "the sensor's axes are turned",

@@ -103,7 +103,7 @@ def all_undetermined(*, pose: bool) -> tuple[Undetermined, ...]:
 
 def names_for(pose: bool) -> tuple[str, ...]:
     """The mistakes that are looked for, with a recorded pose or with joints."""
-    return (*OF_ARM, *OF_POSE) if pose else OF_ARM
+    return tuple(name for name in (*OF_ARM, *OF_POSE) if name != "joint_convention") if pose else OF_ARM
 
 
 def _unseen(imagined: Imagined) -> Iterator[tuple[str, str]]:
