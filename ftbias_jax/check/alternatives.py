@@ -125,17 +125,15 @@ def _joints(state: State) -> Iterator[Alternative]:
     for first, second in combinations(range(len(names)), 2):
         order = np.arange(len(names))
         order[[first, second]] = second, first
-        words = (
-            f"the joints {names[first]} and {names[second]} have changed places: give them in the order of the setup"
-        )
+        words = f"{names[first]} and {names[second]} have changed places: give them in the order of the setup"
         yield _moved(state, words, *(x[:, order] for x in (bins.q, bins.dq, bins.ddq)))
     for joint, name in enumerate(names):
         sign = np.where(np.arange(len(names)) == joint, -1.0, 1)
-        words = f"the joint {name} moves the other way: turn its sign in the log, or its axis in the setup"
+        words = f"{name} moves the other way: turn its sign in the log, or its axis in the setup"
         yield _moved(state, words, *(x * sign for x in (bins.q, bins.dq, bins.ddq)))
         for degrees_off in (90, 180, -90) if turns[joint] else ():
             ahead = np.radians(degrees_off) * (np.arange(len(names)) == joint)
-            words = f"the zero of the joint {name} is {degrees_off} degrees off: add these to it in the log"
+            words = f"the zero of {name} is {degrees_off} degrees off: add these to it in the log"
             yield _moved(state, words, bins.q + ahead, bins.dq, bins.ddq)
 
 

@@ -112,7 +112,8 @@ def _unseen(imagined: Imagined) -> Iterator[tuple[str, str]]:
     layout = state.case.layout
     if not imagined.is_seen(-M):
         angles = ("angle_units",) if next(degrees(state), None) else ()
-        yield from dict.fromkeys(("sign", "wrench_units", "tool_units", *angles), TURN).items()
+        joints = ("joint_convention",) if state.case.setup.pose is None else ()
+        yield from dict.fromkeys(("sign", "wrench_units", "tool_units", *joints, *angles), TURN).items()
     elif not imagined.is_seen(G * M, G**2 * imagined.floor):
         yield "wrench_units", TURN
     if state.specific_force is None:

@@ -75,6 +75,28 @@ def test_a_sensor_with_a_low_cutoff_is_no_clock_that_differs(cutoff):
     assert names(checked(tables, arrays)) == ["time_offset"]
 
 
+def joints(change):
+    return lambda tables, arrays: arrays.update({name: change(name, arrays[name]) for name in ("q", "dq")})
+
+
+JOINTS = {
+    "joint2 and joint5 have changed places": joints(lambda _, x: x[:, [0, 4, 2, 3, 1, 5]]),
+    "joint4 moves the other way": joints(lambda _, x: x * [1, 1, 1, -1, 1, 1]),
+    "zero of joint3 is 90 degrees off": joints(lambda name, x: x - np.pi / 2 * (np.arange(6) == 2) * (name == "q")),
+}
+
+
+@pytest.mark.parametrize("words", JOINTS)
+def test_joints_in_another_order_direction_or_zero_are_named(words):
+    """Which another sign, gravity, mount or a payload that was subtracted would explain in part."""
+    tables, arrays = right_log(seed=3)
+    JOINTS[words](tables, arrays)
+    (finding,) = checked(tables, arrays).findings
+    assert finding.mistake == "joint_convention"
+    assert words in finding.remedy
+    assert finding.evidence["rms_if_mended"] < 0.2 * finding.evidence["rms_as_stated"]
+
+
 @pytest.mark.parametrize("mistake", CHANGES)
 def test_a_mistake_is_named_with_what_mends_it(mistake):
     tables, arrays = right_log(seed=3)
