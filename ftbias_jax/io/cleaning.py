@@ -23,6 +23,8 @@ STREAMS = {"wrench": "the wrench is", "q": "the joints are", "dq": "the velociti
 """Array of a log -> how lines about it begin; dq may be what an IMU says."""
 ASIDE = 0.3
 """s on both sides of a jump from which there is no way back, that are left out: no smooth motion leads across."""
+MOST_ASIDE = 0.2
+"""Of a log."""
 CLEANED = ("left out", "is used once")  # ends of lines
 
 Split = Callable[[int], Iterator[Log]]
@@ -84,7 +86,7 @@ def leave_out(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True, 
             out = np.isin(log.t, t, assume_unique=True)
             columns[name] = np.where(out[:, None], np.nan, columns.get(name, getattr(log, name)))
     if "q" in held and len(facts.breaks):
-        out = (np.abs(log.t[:, None] - facts.breaks) < ASIDE).any(1)
+        out = np.searchsorted(facts.breaks, log.t - ASIDE, "right") < np.searchsorted(facts.breaks, log.t + ASIDE)
         for name in STREAMS:
             columns[name] = np.where(out[:, None], np.nan, columns.get(name, getattr(log, name)))
     log = log._replace(**columns)
@@ -182,6 +184,8 @@ def _survey(split: Split) -> Facts:
     missing = *missing_readings(STREAMS["wrench"], wrench_t, joint_t), *(one for one in of_joints if one.lost)
     stale = np.zeros(0) if "q" in helds else stale
     jumps = {name: t for name, t in jumps.items() if len(t)}
+    if len(breaks) * 2 * ASIDE > MOST_ASIDE * np.ptp(wrench_t if len(wrench_t) else np.zeros(1)):
+        breaks = np.zeros(0)  # an arm that is elsewhere all the time may be one that moves like that
     return Facts(first_q, wrench_t, tuple(axes), helds, stale, jumps, breaks, missing)
 
 

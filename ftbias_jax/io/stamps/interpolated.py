@@ -67,7 +67,8 @@ def readings_only(t: Array, columns: Mapping[str, Array]) -> tuple[dict[str, Arr
         values = np.asarray(columns[name])
         if values.dtype.kind != "f" or values.ndim != 2 or len(values) != len(t):
             continue  # whole numbers have no line between them, and what is no log is refused later
-        readings = find_readings(t, values)
+        with np.errstate(all="ignore"):  # what is infinite is refused later
+            readings = find_readings(t, values)
         if readings is None:
             continue
         out = np.ones(len(t), bool)
