@@ -151,30 +151,37 @@ def rpy_in_degrees(tables, arrays, rng):
     tables["sensor"]["rotation_rpy"] = np.degrees(tables["sensor"]["rotation_rpy"]).tolist()
 
 
-def _inner(arrays, rng, count):
-    """Joints that are neither the first, which may turn about the vertical, nor the last, which turns the sensor."""
-    return rng.choice(np.arange(1, arrays["q"].shape[1] - 1), count, replace=False)
+def _turning(tables, arrays):
+    """Which joints turn."""
+    joints = tables["robot"].get("joints", [{}] * arrays["q"].shape[1])
+    return np.array([joint.get("type") != "prismatic" for joint in joints])
+
+
+def _one_of(tables, arrays, rng):
+    """A joint that turns: not the first, which may turn about the vertical, nor the last, which turns the sensor."""
+    joint = rng.choice(np.flatnonzero(_turning(tables, arrays)[:-1])[1:])
+    return np.arange(arrays["q"].shape[1]) == joint
+
+
+def _with_joints(arrays, change):
+    arrays.update({name: change(arrays[name]) for name in ("q", "dq") if name in arrays})
 
 
 def joints_exchanged(tables, arrays, rng):
-    order = np.arange(arrays["q"].shape[1])
-    pair = _inner(arrays, rng, 2)
+    count = arrays["q"].shape[1]
+    order, pair = np.arange(count), rng.choice(np.arange(1, count - 1), 2, replace=False)
     order[pair] = pair[::-1]
-    arrays.update({name: arrays[name][:, order] for name in ("q", "dq") if name in arrays})
+    _with_joints(arrays, lambda x: x[:, order])
 
 
 def joint_turned_round(tables, arrays, rng):
-    signs = np.where(np.arange(arrays["q"].shape[1]) == _inner(arrays, rng, 1), -1, 1)
-    arrays.update({name: arrays[name] * signs for name in ("q", "dq") if name in arrays})
+    signs = np.where(_one_of(tables, arrays, rng), -1, 1)
+    _with_joints(arrays, lambda x: x * signs)
 
 
 def joint_from_another_zero(tables, arrays, rng):
-    turning = np.array(
-        [j.get("type") != "prismatic" for j in tables["robot"].get("joints", [{}] * arrays["q"].shape[1])]
-    )
-    joint = rng.choice(np.flatnonzero(turning[:-1])[1:])
-    ahead = rng.choice([np.pi / 2, np.pi, -np.pi / 2]) * (np.arange(arrays["q"].shape[1]) == joint)
-    arrays["q"] = arrays["q"] + ahead
+    ahead = rng.choice([np.pi / 2, np.pi, -np.pi / 2])
+    arrays["q"] = arrays["q"] + ahead * _one_of(tables, arrays, rng)
 
 
 MISTAKES = {
