@@ -110,10 +110,10 @@ def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: Colle
     of_speeds = np.setdiff1d(facts.jumps.get("dq", ()), facts.jumps.get("q", ()))
     for name, t in (("q", facts.jumps.get("q", ())), ("dq", of_speeds)):
         if len(t):
-            found.append(Repair(f"{STREAMS[name]} where no arm can be: {len(t)} readings{out}", lost=bool(out)))
+            what = f"{STREAMS[name]} where no arm can be, {_times(t)}: {len(t)} readings{out}"
+            found.append(Repair(what, lost=bool(out)))
     if len(facts.breaks):
-        times = ", ".join(f"{t:.1f}" for t in facts.breaks[:LISTED])
-        what = f"the joints go on elsewhere {len(facts.breaks)} times, at {times} s: samples are missing there"
+        what = f"the joints go on elsewhere {_times(facts.breaks)}: samples are missing there"
         about = f", and those {ASIDE:g} s before and after are left out" if out else ""
         found.append(Repair(what + about, lost=bool(out)))
     axes = dict(zip(AXES, facts.axes, strict=True))
@@ -206,6 +206,12 @@ def slices(*logs: Log) -> Split:
                 yield Log(t, q, dq, wrench, temperature, log.start, columns=log.columns, rezeroed_at=log.rezeroed_at)
 
     return split
+
+
+def _times(t: Array) -> str:
+    """When, s: the first ones of (N,)."""
+    more = f" and {len(t) - LISTED} times more" if len(t) > LISTED else ""
+    return f"at {', '.join(f'{at:.1f}' for at in t[:LISTED])} s{more}"
 
 
 def _spans(stretches: Sequence[Still]) -> str:
