@@ -20,7 +20,7 @@ GATE = 6.0
 """Standard deviations: with the noise of the log, spikes and short contacts are off by more, and nothing else is."""
 
 AT_FIRST = 1.0
-"""s from the first sample on, after which a gate that a few odd readings shut is open again, if it is to be trusted."""
+"""s from the first free sample on, within which a gate that a few odd readings shut opens, if it is to be trusted."""
 
 
 def fit_noise(work: Work) -> Work:
@@ -116,6 +116,7 @@ def summarise(work: Work) -> tuple[Params, States, Infos]:
         smooth_std = smooth_std.at[:, 0].set(jnp.hypot(smooth_std[:, 0], hidden[None]))
         states = states._replace(bias_smooth=states.bias_smooth.at[:, 0].add(added), bias_smooth_std=smooth_std)
     used, free = passed.any(1), jnp.isfinite(_without_contact(work).wrench).any(1)
+    first = jnp.where(free, work.t, jnp.inf).min()
     infos = Infos(
         wrench_tool=known.wrench_tool + added,
         wrench_unbiased=work.samples.wrench + states.bias,
@@ -127,7 +128,7 @@ def summarise(work: Work) -> tuple[Params, States, Infos]:
         log_likelihood=work.log_likelihood + known.log_likelihood,
         noise=noise,
         kept_out=_kept_out(used, free),
-        kept_out_at_first=_kept_out(used, free & (work.t <= AT_FIRST)),
+        kept_out_at_first=_kept_out(used, free & (work.t <= first + AT_FIRST)),
     )
     return work.params, states, infos
 

@@ -108,4 +108,4 @@ class Infos(NamedTuple):
     kept_out: Float[Array, ""]
     """Share of the free samples that the gate keeps out."""
     kept_out_at_first: Float[Array, ""]
-    """That of the first second."""
+    """That of the first second of them."""

@@ -16,7 +16,7 @@ MARGIN = 0.05
 """s beside a contact that are left out with it."""
 TOUCHED = "no free motion: something touches the tool from the first to the last second, and the bias may be off"
 TARE = "do not trust it; tare with nothing at the tool, or record some seconds of free motion"
-BEGUN_AGAIN = "the gate kept out most of what follows the first readings: the bias begins at the median of the log instead"
+BEGUN_AGAIN = "the gate kept out most of what follows the first readings: the bias begins at the log's median instead"
 
 
 class LogNoise(NamedTuple):
