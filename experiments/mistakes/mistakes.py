@@ -203,9 +203,6 @@ MISTAKES = {
         ),
     ),
     "q in degrees": ("angle_units", degrees),
-    "two joints exchanged": ("joint_convention", joints_exchanged),
-    "a joint turned round": ("joint_convention", joint_turned_round),
-    "a joint from another zero": ("joint_convention", joint_from_another_zero),
     "rpy in degrees": ("angle_units", rpy_in_degrees),
     "force and torque swapped": ("force_torque_swapped", swapped),
     "sensor turned 180 deg": ("sensor_axes", turned(np.diag([-1, -1, 1]))),
@@ -222,6 +219,9 @@ MISTAKES = {
     "raw offset": ("raw_offset", offset),
     "sensor turned by an odd angle": ("sensor_axes", odd_mount),
     "tool 2.6 times too heavy": ("worse_than_raw", setting("tool", "mass", lambda x: 2.6 * x)),
+    "two joints exchanged": ("joint_convention", joints_exchanged),
+    "a joint turned round": ("joint_convention", joint_turned_round),
+    "a joint from another zero": ("joint_convention", joint_from_another_zero),
 }
 """Name -> what is to be found, and the mistake."""
 

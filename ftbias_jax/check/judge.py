@@ -20,8 +20,8 @@ DOUBTFUL, FAR_BETTER = 0.05, 0.03
 """The same two where the stated model leaves less: no effect is explained that well by a mistake. A sensor that turns
 about one axis may be mounted wrong, and the stated tool still explains most of its reading."""
 OF_JOINTS = 0.02
-"""Share that another order, direction or zero of a joint may leave: there are dozens, and one of them may lie where a
-strong cable pulls (0.05)."""
+"""Share of the raw variance, and of what the stated model leaves, that another order, direction or zero of a joint may
+leave: there are dozens, and one of them may lie where a strong cable pulls (0.05)."""
 GOOD, GOOD_TOUCHED = 0.3, 0.1
 """Share of the raw variance that it may leave, and where most bins are left out, so that it may choose its own."""
 SAME = 1.5
@@ -194,8 +194,9 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
     left, stated = (result.square / base.raw)[groups], base.left[groups]
     absent = alternative.mistake == "base_frame_wrench"  # its weight does not turn, so that little variance is there
     bad, doubtful = stated > BAD, stated > DOUBTFUL
-    better = OF_JOINTS if alternative.mistake == "joint_convention" else BETTER
-    if not ((bad & (left < better * stated)) | (doubtful & (left < min(better, FAR_BETTER) * stated))).all():
+    if alternative.mistake == "joint_convention" and not (left < OF_JOINTS * np.minimum(stated, 1)).all():
+        return False
+    if not ((bad & (left < BETTER * stated)) | (doubtful & (left < FAR_BETTER * stated))).all():
         return False
     if absent:
         return score(base, result) > TIE + float(-np.log(np.ones(2) + PENALTY).sum()) and _is_sure(
