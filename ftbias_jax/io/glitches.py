@@ -84,8 +84,14 @@ def _together(t: Array, x: Array) -> list[tuple[Array, Array, Array]]:
     """Of x (T, n) at t (T,): rows, their stamps, and the columns that were measured on all of them and no others."""
     if not np.isnan(x @ np.ones(x.shape[1])).any():
         return [(np.arange(len(x)), t, x)]
-    patterns, which = np.unique(~np.isnan(x), axis=1, return_inverse=True)
-    return [(np.flatnonzero(rows), t[rows], x[rows][:, which == k]) for k, rows in enumerate(patterns.T)]
+    seen, groups = ~np.isnan(x.T), []
+    left = np.flatnonzero(seen.any(1))
+    while len(left):
+        same = (seen[left] == seen[left[0]]).all(1)
+        rows = np.flatnonzero(seen[left[0]])
+        groups.append((rows, t[rows], x[np.ix_(rows, left[same])]))
+        left = left[~same]
+    return groups
 
 
 def _finest(lengths: Array) -> Array:
