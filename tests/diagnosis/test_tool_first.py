@@ -73,6 +73,7 @@ def test_of_a_right_tool_nothing_is_said(lagging, stds):
     assert cause.effect == "low_pass"
 
 
+@pytest.mark.slow
 def test_effects_of_the_tool_that_may_not_be_named_are_not(lagging):
     found = diagnose(DRAFTED, [lagging], without=("tool_mass",))
     assert "tool_mass" not in [cause.effect for cause in found.causes]
