@@ -105,9 +105,9 @@ def _interpolated(bends: _Bends) -> bool:
     windows = bends.bent[: len(bends.bent) // WINDOW * WINDOW].reshape(-1, WINDOW)
     tells = np.repeat(windows.sum(1) >= FEWEST[0], WINDOW)
     size, bent, changes = (x[: len(tells)][tells] for x in (bends.size, bends.bent, bends.changes))
-    if bent.sum() < FEWEST[1] or (~bent).mean() < STRAIGHT:
-        return False
     apart = np.diff(np.flatnonzero(bent[1:] & ~bent[:-1]))  # between the beginnings of bends
+    if bent.sum() < FEWEST[1] or (~bent).mean() < STRAIGHT or not len(apart):
+        return False
     usual = np.median(apart)
     return bool(
         changes[~bent].mean() >= MOVING

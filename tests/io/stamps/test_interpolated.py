@@ -88,6 +88,13 @@ def test_a_trajectory_of_constant_speeds_and_accelerations_is_kept(seed):
     assert find_readings(t, q) is None
 
 
+def test_an_arm_that_speeds_up_once_and_is_driven_on_is_kept():
+    """One long bend, between two lines."""
+    t = np.arange(0, 4, 0.004)
+    q = 0.004 * np.cumsum(np.clip(4 * (t - 1), 0, 1))[:, None]
+    assert find_readings(t, q) is None
+
+
 def test_an_arm_at_rest_is_read_as_often_as_in_motion():
     t, q, _ = interpolated(arm, 50.0, 500.0)
     still = (t > 8) & (t < 12)
