@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError, UsageError
-from ftbias_jax.io.glitches import find_jumps, find_repeats
+from ftbias_jax.io.glitches import Glitches, find_glitches
 from ftbias_jax.io.health import Axis, Saturation, Still, extend, mask
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.rates import LISTED, Held, Repeats, extend_repeats, held_readings, missing_readings
@@ -43,12 +43,8 @@ class Facts(NamedTuple):
     held: Mapping[str, tuple[Held, Array]] = MappingProxyType({})
     """Array of the log whose readings were published more than once -> how, and (R,) s, the stamps of the repeats;
     joints and rates may have clocks of their own."""
-    stale: Array = np.zeros(0)
-    """(S,) s, stamps of joints that repeat a reading now and then while they move."""
-    jumps: Mapping[str, Array] = MappingProxyType({})
-    """Array of the joints -> (J,) s, stamps of readings where no arm can have been."""
-    breaks: Array = np.zeros(0)
-    """(B,) s, stamps from which on the joints are elsewhere, and nothing is on the way."""
+    glitches: Glitches = Glitches()
+    """Single readings of the joints that are none."""
     missing: Repairs = ()
     """Readings of the wrench or the joints that are missing while the others go on."""
 
@@ -79,14 +75,14 @@ def clean(
 def leave_out(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True, held: Collection[str] = STREAMS) -> Log:
     """A log, or a part of it, in which samples of clipped and stuck axes, repeats and jumps are not measured."""
     columns: dict[str, Any] = {}
-    repeats = [(name, t) for name, (_, t) in facts.held.items()] + [("q", facts.stale), ("dq", facts.stale)]
-    jumps = [*facts.jumps.items(), ("dq", facts.jumps.get("q", ()))]  # speeds are of the same message
-    for name, t in (*repeats, *jumps):
+    repeats, joints, speeds, breaks = facts.glitches
+    of_joints = [("q", repeats), ("q", joints), ("dq", repeats), ("dq", joints), ("dq", speeds)]
+    for name, t in (*((name, t) for name, (_, t) in facts.held.items()), *of_joints):
         if name in held and len(t):
             out = np.isin(log.t, t, assume_unique=True)
             columns[name] = np.where(out[:, None], np.nan, columns.get(name, getattr(log, name)))
-    if "q" in held and len(facts.breaks):
-        out = np.searchsorted(facts.breaks, log.t - ASIDE, "right") < np.searchsorted(facts.breaks, log.t + ASIDE)
+    if "q" in held and len(breaks):
+        out = np.searchsorted(breaks, log.t - ASIDE, "right") < np.searchsorted(breaks, log.t + ASIDE)
         for name in STREAMS:
             columns[name] = np.where(out[:, None], np.nan, columns.get(name, getattr(log, name)))
     log = log._replace(**columns)
@@ -102,18 +98,19 @@ def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: Colle
     found = []
     for name, (stream, t) in facts.held.items():
         used = ": each reading is used once" if name in held else ""
-        repeats = f"{len(t)} of {len(stream.repeats)} repeat{used}"
-        found.append(Repair(f"{STREAMS[name]} held for up to {stream.samples} samples, {repeats}"))
+        what = f"held for up to {stream.samples} samples, {len(t)} of {len(stream.repeats)} repeat{used}"
+        found.append(Repair(f"{STREAMS[name]} {what}"))
+    repeats, joints, speeds, breaks = facts.glitches
     out = " left out" if "q" in held else ""
-    if count := len(facts.stale):
-        found.append(Repair(f"{STREAMS['q']} still now and then, and have moved on at the next reading: {count}{out}"))
-    of_speeds = np.setdiff1d(facts.jumps.get("dq", ()), facts.jumps.get("q", ()))
-    for name, t in (("q", facts.jumps.get("q", ())), ("dq", of_speeds)):
+    if len(repeats):
+        what = f"{STREAMS['q']} still now and then, and have moved on at the next reading: {len(repeats)}{out}"
+        found.append(Repair(what))
+    for name, t in (("q", joints), ("dq", speeds)):
         if len(t):
             what = f"{STREAMS[name]} where no arm can be, {_times(t)}: {len(t)} readings{out}"
             found.append(Repair(what, lost=bool(out)))
-    if len(facts.breaks):
-        what = f"the joints go on elsewhere {_times(facts.breaks)}: samples are missing there"
+    if len(breaks):
+        what = f"the joints go on elsewhere {_times(breaks)}: samples are missing there"
         about = f", and those {ASIDE:g} s before and after are left out" if out else ""
         found.append(Repair(what + about, lost=bool(out)))
     axes = dict(zip(AXES, facts.axes, strict=True))
@@ -143,28 +140,26 @@ def check_rest(facts: Facts, clipped: bool, stuck: bool, file: str = "") -> None
 
 
 def survey(split: Split) -> Facts:
-    """Read a log for what must be known of all of it: once, and again if readings are repeated."""
+    """Read a log for what must be known of all of it: once, and again if readings are held."""
     facts = _survey(split)
-    if not facts.held and not len(facts.stale):
+    if not facts.held:
         return facts
-    repeats = facts._replace(jumps={}, breaks=np.zeros(0))
+    held = facts._replace(glitches=Glitches())
 
     def once(size: int) -> Iterator[Log]:
-        return (leave_out(part, repeats, clipped=False, stuck=False) for part in split(size))
+        return (leave_out(part, held, clipped=False, stuck=False) for part in split(size))
 
-    return _survey(once)._replace(held=facts.held, stale=facts.stale, missing=facts.missing)
+    return _survey(once, "q" in facts.held)._replace(held=facts.held, missing=facts.missing)
 
 
-def _survey(split: Split) -> Facts:
+def _survey(split: Split, joints_once: bool = False) -> Facts:
+    """The same of a log whose joints may be without their repeats already."""
     axes = [Axis()] * 6
     repeats, stamps = dict.fromkeys(STREAMS, Repeats()), {name: [np.zeros(0)] for name in STREAMS}
     first_q: Array = np.nan
-    stale, breaks, jumps = np.zeros(0), np.zeros(0), {"q": np.zeros(0), "dq": np.zeros(0)}
+    found = [Glitches()]
     for part in split(PART):
-        stale = np.r_[stale, part.t[find_repeats(part.t, part.q)]]
-        off, elsewhere = find_jumps(part.t, part.q)
-        jumps["q"], breaks = np.r_[jumps["q"], part.t[off]], np.r_[breaks, part.t[elsewhere]]
-        jumps["dq"] = np.r_[jumps["dq"], part.t[find_jumps(part.t, part.dq, order=1)[0]]]
+        found.append(find_glitches(part.t, part.q, part.dq, repeats=not joints_once))
         seen = ~np.isnan(part.q)
         first = np.where(seen.any(0), np.take_along_axis(part.q, seen.argmax(0)[None], 0)[0], np.nan)
         first_q = np.where(np.isnan(first_q), first, first_q)
@@ -182,11 +177,12 @@ def _survey(split: Split) -> Facts:
     wrench_t, joint_t = every_t["wrench"], every_t["q"]
     of_joints = missing_readings(STREAMS["q"], joint_t, wrench_t)  # that they are slower is usual
     missing = *missing_readings(STREAMS["wrench"], wrench_t, joint_t), *(one for one in of_joints if one.lost)
-    stale = np.zeros(0) if "q" in helds else stale
-    jumps = {name: t for name, t in jumps.items() if len(t)}
-    if len(breaks) * 2 * ASIDE > MOST_ASIDE * np.ptp(wrench_t if len(wrench_t) else np.zeros(1)):
-        breaks = np.zeros(0)  # an arm that is elsewhere all the time may be one that moves like that
-    return Facts(first_q, wrench_t, tuple(axes), helds, stale, jumps, breaks, missing)
+    glitches = Glitches(*map(np.concatenate, zip(*found, strict=True)))
+    if len(glitches.breaks) * 2 * ASIDE > MOST_ASIDE * np.ptp(wrench_t if len(wrench_t) else np.zeros(1)):
+        glitches = glitches._replace(
+            breaks=np.zeros(0)
+        )  # who is elsewhere all the time may be one that moves like that
+    return Facts(first_q, wrench_t, tuple(axes), helds, glitches, missing)
 
 
 def slices(*logs: Log) -> Split:

@@ -30,6 +30,29 @@ FEWEST = 100
 NONE = np.zeros(0, int)
 
 
+class Glitches(NamedTuple):
+    """Stamps, s, of readings of the joints that are none; none as a rule."""
+
+    repeats: Array = np.zeros(0)
+    """Those that repeat another now and then while the arm moves, of positions and speeds."""
+    joints: Array = np.zeros(0)
+    """Where no arm can have been; the speeds are of the same message."""
+    speeds: Array = np.zeros(0)
+    """Of speeds alone."""
+    breaks: Array = np.zeros(0)
+    """From which on the joints are elsewhere, and nothing is on the way."""
+
+
+def find_glitches(t: Array, q: Array, dq: Array, *, repeats: bool = True) -> Glitches:
+    """What is no reading of joints q, dq (T, n), rad and per s, at increasing t (T,) s; repeats only if asked for."""
+    stale = find_repeats(t, q) if repeats else NONE
+    others = np.delete(np.arange(len(t)), stale) if len(stale) else slice(None)  # as a rule without a copy
+    times = t[others]
+    off, elsewhere = find_jumps(times, q[others])
+    of_speeds, _ = find_jumps(times, dq[others], order=1)
+    return Glitches(t[stale], times[off], times[np.setdiff1d(of_speeds, off)], times[elsewhere])
+
+
 def find_jumps(t: Array, x: Array, order: int = 2) -> tuple[Array, Array]:
     """The rows (G,) on which joints have jumped away, and those (B,) from which on they are elsewhere and stay.
 
