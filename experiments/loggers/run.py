@@ -66,12 +66,11 @@ def zeros(log, rows):
     return log._replace(**changed)
 
 
-def frozen(log, samples=20):
-    """The last joints again and again, while they are missing."""
-    rows = (somewhere(log)[:, None] + np.arange(samples)).ravel()
-    before = np.repeat(somewhere(log), samples)
+def frozen(log, last, repeats):
+    """The joints of each of the last rows again and again, while those that follow are missing."""
+    rows = np.add.outer(last, np.arange(1, repeats + 1)).ravel()
     q, dq = log.q.copy(), log.dq.copy()
-    q[rows], dq[rows] = q[before], dq[before]
+    q[rows], dq[rows] = (values[np.repeat(last, repeats)] for values in (q, dq))
     return log._replace(q=q, dq=dq)
 
 
@@ -81,10 +80,6 @@ def lost(log, samples=20):
     rows = np.r_[:middle, middle + samples : len(log.t)]
     t = log.t - np.where(log.t > log.t[middle], log.t[middle + samples] - log.t[middle], 0)
     return log._replace(**{name: getattr(log, name)[rows] for name in ("q", "dq", "wrench", "temperature")}, t=t[rows])
-
-
-def stopped(values, samples=20):
-    return np.concatenate([values[:-samples], np.repeat(values[-samples - 1 : -samples], samples, 0)])
 
 
 CHANGES = {
@@ -103,9 +98,9 @@ CHANGES = {
     "three joint readings off by 0.1 rad": lambda log: log._replace(q=with_rows(log.q, somewhere(log), log.q + 0.1)),
     "three messages of zeros": lambda log: zeros(log, somewhere(log)),
     "the first message is zeros": lambda log: zeros(log, [0]),
-    "the joints stand still for 20 samples, three times": frozen,
+    "the joints stand still for 20 samples, three times": lambda log: frozen(log, somewhere(log), 19),
     "samples are lost, and the others counted": lost,
-    "the last 20 samples repeat the joints": lambda log: log._replace(q=stopped(log.q), dq=stopped(log.dq)),
+    "the last 20 samples repeat the joints": lambda log: frozen(log, [len(log.t) - 21], 20),
 }
 """Name -> a log as some loggers or controllers write it."""
 WAIT = 0.3

@@ -121,28 +121,24 @@ def _joints(state: State) -> Iterator[Alternative]:
     setup, bins = state.case.setup, state.case.bins
     if setup.pose is not None:
         return
-    names, turns = setup.robot.joint_names, np.abs(setup.robot.screws[:, 3:]).any(1)
-    for first, second in combinations(range(len(names)), 2):
-        order = np.arange(len(names))
-        order[[first, second]] = second, first
-        words = f"{names[first]} and {names[second]} have changed places: give them in the order of the setup"
+    names, number = setup.robot.joint_names, np.arange(len(setup.robot.joint_names))
+    for pair in combinations(number, 2):
+        order = number.copy()
+        order[list(pair)] = pair[::-1]
+        words = f"{names[pair[0]]} and {names[pair[1]]} have changed places: give them in the order of the setup"
         yield _moved(state, words, *(x[:, order] for x in (bins.q, bins.dq, bins.ddq)))
     for joint, name in enumerate(names):
-        sign = np.where(np.arange(len(names)) == joint, -1.0, 1)
         words = f"{name} moves the other way: turn its sign in the log, or its axis in the setup"
-        yield _moved(state, words, *(x * sign for x in (bins.q, bins.dq, bins.ddq)))
-        for degrees_off in (90, 180, -90) if turns[joint] else ():
-            ahead = np.radians(degrees_off) * (np.arange(len(names)) == joint)
-            words = f"the zero of {name} is {degrees_off} degrees off: add these to it in the log"
-            yield _moved(state, words, bins.q + ahead, bins.dq, bins.ddq)
+        yield _moved(state, words, *(x * np.where(number == joint, -1, 1) for x in (bins.q, bins.dq, bins.ddq)))
+        for angle in (90, 180, -90) if setup.robot.screws[joint, 3:].any() else ():
+            words = f"the zero of {name} is {angle} degrees off: add these to it in the log"
+            yield _moved(state, words, bins.q + np.radians(angle) * (number == joint), bins.dq, bins.ddq)
 
 
 def _moved(state: State, words: str, q: Array, dq: Array, ddq: Array) -> Alternative:
     """The joints moved like this."""
-    setup = state.case.setup
-    return Alternative(
-        "joint_convention", words, state.but(motion=arm_motion(setup.robot, setup.sensor, q, dq, ddq)), 6
-    )
+    motion = arm_motion(state.case.setup.robot, state.case.setup.sensor, q, dq, ddq)
+    return Alternative("joint_convention", words, state.but(motion=motion), 6)
 
 
 def _gravity(state: State) -> Iterator[Alternative]:

@@ -37,6 +37,7 @@ TURNS = (
     np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]]),
 )
 """Other mounts that are imagined: half turns about each axis, and a quarter."""
+OF_JOINTS = ("joint_convention",)
 OF_POSE = ("quaternion_convention", "position_frame", "gyroscope_units")
 OF_ARM = tuple(name for name in MISTAKES if name not in OF_POSE)
 
@@ -103,7 +104,7 @@ def all_undetermined(*, pose: bool) -> tuple[Undetermined, ...]:
 
 def names_for(pose: bool) -> tuple[str, ...]:
     """The mistakes that are looked for, with a recorded pose or with joints."""
-    return tuple(name for name in (*OF_ARM, *OF_POSE) if name != "joint_convention") if pose else OF_ARM
+    return tuple(name for name in MISTAKES if name not in OF_JOINTS) if pose else OF_ARM
 
 
 def _unseen(imagined: Imagined) -> Iterator[tuple[str, str]]:
@@ -112,7 +113,7 @@ def _unseen(imagined: Imagined) -> Iterator[tuple[str, str]]:
     layout = state.case.layout
     if not imagined.is_seen(-M):
         angles = ("angle_units",) if next(degrees(state), None) else ()
-        joints = ("joint_convention",) if state.case.setup.pose is None else ()
+        joints = OF_JOINTS if state.case.setup.pose is None else ()
         yield from dict.fromkeys(("sign", "wrench_units", "tool_units", *joints, *angles), TURN).items()
     elif not imagined.is_seen(G * M, G**2 * imagined.floor):
         yield "wrench_units", TURN

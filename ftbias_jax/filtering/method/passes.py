@@ -18,7 +18,6 @@ from ftbias_jax.types import Array, Gaussian, Sample
 
 GATE = 6.0
 """Standard deviations: with the noise of the log, spikes and short contacts are off by more, and nothing else is."""
-
 AT_FIRST = 1.0
 """s from the first free sample on, within which a gate that a few odd readings shut opens, if it is to be trusted."""
 
