@@ -77,7 +77,11 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
     joints = ~np.isnan(log.q if has_pose else np.column_stack([log.q, log.dq])).all(1)
     shown = ~np.isnan(log.q).all(0) if has_pose else np.full(len(names), True)
     labels = [name for name, there in zip(names, shown, strict=True) if there]
-    said = ("pose", "entries that are followed", ()) if has_pose else ("joints", "q, dq", names)
+    said = (
+        ("pose", "entries that are followed", ())
+        if has_pose
+        else ("joints", "q" if np.isnan(log.dq).all() else "q, dq", names)
+    )
     motion = stream_info(*said, log.start, log.t[joints], log.q[joints][:, shown], labels)
     rows = ~np.isnan(log.wrench).all(1)
     sensed = log.start, log.t[rows], log.wrench[rows], AXES

@@ -37,6 +37,8 @@ COLUMNS = {".csv": csv_columns, ".parquet": parquet_columns}
 ARRAY_FILES: dict[str, Callable[[str, Sequence[str]], dict[str, Array]]]
 ARRAY_FILES = {".npz": load_arrays, ".h5": load_hdf5, ".hdf5": load_hdf5}
 """Suffix -> what reads the arrays of these names that are there."""
+TEXT = (".txt", ".tsv", ".dat")
+"""Suffixes of other tables of text, which are read as CSV."""
 TABLES = (".npz", *COLUMNS, ".h5", ".hdf5")
 """Suffixes of all of them; recordings of ROS have their own (``io.ros``)."""
 OURS = ("about", "provenance")
@@ -156,7 +158,8 @@ def _get(arrays: Mapping[str, Array], name: str, message: str, file: str) -> Arr
 
 def suffix_of(file: str) -> str:
     """By which the reader is found."""
-    return Path(file).suffix.lower()
+    suffix = Path(file).suffix.lower()
+    return ".csv" if suffix in TEXT else suffix
 
 
 def read_table(file: str, setup: Setup) -> Log:

@@ -1,4 +1,4 @@
-"""Logs as CSV files: a header line of names, then one line of numbers a sample; an empty cell = not measured."""
+"""Logs as tables of text: a header line of names, then one line of numbers a sample; an empty cell = not measured."""
 
 import csv
 import re
@@ -10,37 +10,28 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.budget import Budget
 from ftbias_jax.io.tables.columns import Columns, split
+from ftbias_jax.io.tables.first_lines import NUMBER, Layout, check_length, read_layout
 from ftbias_jax.types import Array
 
 BLOCK = 1 << 22  # characters read at once: large enough to be fast, small beside the numbers of a log
-LONGEST = 1 << 16
-"""Characters of the first line by which the delimiter is told."""
-MAX_LINE = 1 << 20
-"""Characters; the widest table of a robot has some thousand columns."""
 
-_SEMICOLONS = str.maketrans({",": ".", ";": ","})
-_ENDS = re.compile(r"^#?[ \t]+|[ \t]+$", re.MULTILINE)
 _EMPTY = re.compile(r",[ \t]*(?=,|$)", re.MULTILINE)  # all but the first cell of a line, which would cost much more
-_NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*([eE][+-]?\d+)?|\.\d+([eE][+-]?\d+)?|nan|inf(inity)?)\s*", re.I | re.ASCII)
 
 
 def csv_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[str, Array]:
     """The columns that ``choose`` takes of a header, as arrays by the names that it gives them.
 
     The file is UTF-8 with cells separated by commas, semicolons, tabs or spaces; a line may have joints only, or a
-    wrench only.
+    wrench only. Lines that begin with # may come first. Columns without names are called 1, 2, 3, ..., and entries of
+    cells that are lists, such as "[0.1, 0.2]", column/0, column/1, ...; dates become s since 1970.
     """
     budget = Budget(file)
     try:
         with open(file, encoding="utf-8-sig") as stream:
-            line = stream.readline(MAX_LINE + 1)
-            _check_length(line, 1, file)
-            with_commas = _to_commas(line[:LONGEST])
-            # numpy.savetxt marks its header as a comment.
-            header = [name.strip() for name in next(csv.reader([with_commas(line).removeprefix("#")]), [])]
-            columns = choose(header)
-            used = [header.index(name) for names in columns.values() for name in names]
-            return split(columns, _read_numbers(map(with_commas, _whole_lines(stream, file)), header, used, budget))
+            layout = read_layout(stream, file)
+            columns = choose(layout.header)
+            used = [layout.header.index(name) for names in columns.values() for name in names]
+            return split(columns, _read_numbers(_whole_lines(stream, layout, file), layout, used, budget))
     except OSError as error:
         raise LogError(f"cannot be read: {error.strerror}", file=file, remedy="check the path") from error
     except UnicodeDecodeError as error:
@@ -49,50 +40,33 @@ def csv_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[s
         raise LogError(f"is not CSV text: {error}", file=file, remedy="give a CSV file") from error
 
 
-def _to_commas(header: str) -> Callable[[str], str]:
-    """What turns whole lines into cells separated by commas, by what stands between those of the first line.
-
-    Between semicolons a comma is the decimal one.
-    """
-    if "," in header:
-        return str
-    if ";" in header:
-        return lambda text: text.translate(_SEMICOLONS)
-    if "\t" in header:
-        return lambda text: text.replace("\t", ",")
-    if " " in header.strip().removeprefix("#").strip():
-        return lambda text: re.sub(r"[ \t]+", ",", _ENDS.sub("", text))
-    return str
-
-
-def _read_numbers(texts: Iterable[str], header: Sequence[str], used: Sequence[int], budget: Budget) -> Array:
+def _read_numbers(texts: Iterable[str], layout: Layout, used: Sequence[int], budget: Budget) -> Array:
     """The used columns of all lines after the header, (lines, len(used)) float64."""
-    blocks, line_number = [np.empty((0, len(used)))], 2
+    blocks, line_number = [np.empty((0, len(used)))], layout.line_number
     for text in texts:
-        block = _read_block(text, line_number, header, used, budget.file)
+        block = _read_block(layout.with_commas(text), line_number, layout.header, used, budget.file)
         budget.hold(block.nbytes)
         blocks.append(block)
         line_number += text.count("\n") + 1
     return np.concatenate(blocks)
 
 
-def _whole_lines(stream: TextIO, file: str) -> Iterator[str]:
+def _whole_lines(stream: TextIO, layout: Layout, file: str) -> Iterator[str]:
     """The text in pieces of about BLOCK characters that end where lines do, without the last line's end."""
-    rest, line_number = "", 2
+    rest, line_number = layout.read, layout.line_number
     while text := stream.read(BLOCK):
-        whole, end, rest = (rest + text).rpartition("\n")
-        line_number += whole.count("\n") + len(end)
-        _check_length(rest, line_number, file)
-        if end:
+        text = rest + text
+        end = text.rfind("\n")
+        opened = max(map(text[: end + 1].rfind, "[("))
+        if layout.has_lists and opened > max(map(text[: end + 1].rfind, "])")):  # a list goes on in the next line
+            end = text.rfind("\n", 0, opened)
+        whole, rest = text[: max(end, 0)], text[end + 1 :]
+        line_number += whole.count("\n") + (end >= 0)
+        check_length(rest, line_number, file)
+        if end >= 0:
             yield whole
     if rest:
         yield rest
-
-
-def _check_length(line: str, line_number: int, file: str) -> None:
-    if len(line) > MAX_LINE:
-        message = f"is longer than {MAX_LINE} characters"
-        raise LogError(message, file=file, field=f"line {line_number}", remedy="give a CSV file")
 
 
 def _read_block(text: str, line_number: int, header: Sequence[str], used: Sequence[int], file: str) -> Array:
@@ -119,7 +93,7 @@ def _read_line(line: str, line_number: int, header: Sequence[str], used: Sequenc
 def _number(cell: str, field: str, file: str) -> float:
     if not cell.strip():
         return float("nan")
-    if not _NUMBER.fullmatch(cell):  # float() alone would also take 1_000 and digits of other scripts
+    if not NUMBER.fullmatch(cell):  # float() alone would also take 1_000 and digits of other scripts
         shown = repr(cell[:40])
         remedy = "write a number, or leave the cell empty where nothing was measured"
         raise LogError(f"{shown} is not a number", file=file, field=field, remedy=remedy)

@@ -55,6 +55,7 @@ FIXED: Mapping[str, tuple[Names, ...]] = {
         ("fx", "fy", "fz", "mx", "my", "mz"),
         (*FORCES, *TORQUES),
         (*FORCES, *(f"moment_{x}" for x in "xyz")),
+        tuple(f"{name}_{i}" for name in ("force", "torque") for i in range(3)),
     ),
     **{
         f"quaternion_{order}": tuple(tuple(f"{stem}{x}" for x in order) for stem in QUATERNIONS)

@@ -210,13 +210,13 @@ def test_further_columns_are_looked_for_in_all_files(tmp_path):
         ("1_ft.npz", {"t": 1.0}, "there is no array wrench"),
         ("1_ft.npz", {"wrench": 6.0}, "t_wrench: there is no time"),
         ("1_ft.h5", {"t_joints": 1.0, "wrench": 6.0}, "t_wrench: there is no time"),
-        ("1_ft.txt", {}, "unknown format '.txt'"),
+        ("1_ft.doc", {}, "unknown format '.doc'"),
     ],
 )
 def test_what_a_file_lacks_is_named(tmp_path, name, columns, words):
     write_joints(tmp_path / "1_joints.npz")
     suffix = name[name.index(".") :]
-    if suffix == ".txt":
+    if suffix == ".doc":
         (tmp_path / name).write_text("")
     else:
         write(tmp_path / name, {key: np.ones((SAMPLES, 6) if size > 1 else SAMPLES) for key, size in columns.items()})

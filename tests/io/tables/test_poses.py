@@ -88,6 +88,6 @@ def test_a_log_stays_a_log_and_its_faults_are_told_as_before(tmp_path, setup):
         read_motion(path, setup)
     assert str(caught.value) == str(of_log.value)
     with pytest.raises(LogError, match="unknown format"):
-        read_motion(tmp_path / "log.txt", setup)
+        read_motion(tmp_path / "log.doc", setup)
     with pytest.raises(LogError, match="is no table of poses"):
         read_poses(tmp_path / "log.bag", setup)
