@@ -11,9 +11,12 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.budget import Budget
 from ftbias_jax.io.tables.columns import Columns, split
 from ftbias_jax.io.tables.first_lines import NUMBER, Layout, check_length, read_layout
+from ftbias_jax.io.tables.headers import halves_of_stamps
 from ftbias_jax.types import Array
 
 BLOCK = 1 << 22  # characters read at once: large enough to be fast, small beside the numbers of a log
+STAMPS = "t"
+"""What the stamps are called that are written as two columns."""
 
 _EMPTY = re.compile(r",[ \t]*(?=,|$)", re.MULTILINE)  # all but the first cell of a line, which would cost much more
 
@@ -23,15 +26,22 @@ def csv_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[s
 
     The file is UTF-8 with cells separated by commas, semicolons, tabs or spaces; a line may have joints only, or a
     wrench only. Lines that begin with # may come first. Columns without names are called 1, 2, 3, ..., and entries of
-    cells that are lists, such as "[0.1, 0.2]", column/0, column/1, ...; dates become s since 1970.
+    cells that are lists, such as "[0.1, 0.2]", column/0, column/1, ...; dates become s since 1970. Two columns of whole
+    s and of the ns beyond are one more, t.
     """
     budget = Budget(file)
     try:
         with open(file, encoding="utf-8-sig") as stream:
             layout = read_layout(stream, file)
-            columns = choose(layout.header)
-            used = [layout.header.index(name) for names in columns.values() for name in names]
-            return split(columns, _read_numbers(_whole_lines(stream, layout, file), layout, used, budget))
+            halves = halves_of_stamps(layout.header)
+            columns = choose([*layout.header, *([STAMPS] if halves else [])])
+            names = [name for found in columns.values() for name in found]
+            whole, *beyond = halves or (STAMPS,)
+            used = [layout.header.index(whole if name == STAMPS else name) for name in names + beyond]
+            numbers = _read_numbers(_whole_lines(stream, layout, file), layout, used, budget)
+            if beyond:
+                numbers[:, [*(name == STAMPS for name in names), False]] += 1e-9 * numbers[:, -1:]
+            return split(columns, numbers[:, : len(names)])
     except OSError as error:
         raise LogError(f"cannot be read: {error.strerror}", file=file, remedy="check the path") from error
     except UnicodeDecodeError as error:
@@ -57,8 +67,7 @@ def _whole_lines(stream: TextIO, layout: Layout, file: str) -> Iterator[str]:
     while text := stream.read(BLOCK):
         text = rest + text
         end = text.rfind("\n")
-        opened = max(map(text[: end + 1].rfind, "[("))
-        if layout.has_lists and opened > max(map(text[: end + 1].rfind, "])")):  # a list goes on in the next line
+        while layout.has_lists and (opened := _open_list(text[: end + 1])) >= 0:
             end = text.rfind("\n", 0, opened)
         whole, rest = text[: max(end, 0)], text[end + 1 :]
         line_number += whole.count("\n") + (end >= 0)
@@ -67,6 +76,12 @@ def _whole_lines(stream: TextIO, layout: Layout, file: str) -> Iterator[str]:
             yield whole
     if rest:
         yield rest
+
+
+def _open_list(text: str) -> int:
+    """Where a list begins that goes on after the text; -1 = none."""
+    opened, closed = max(map(text.rfind, "[(")), max(map(text.rfind, "])"))
+    return opened if opened > closed else -1
 
 
 def _read_block(text: str, line_number: int, header: Sequence[str], used: Sequence[int], file: str) -> Array:

@@ -118,7 +118,7 @@ def _layout(header: list[str], text: str, line_number: int, with_commas: Callabl
         steps.insert(1 if with_commas(",") == "." else 0, _to_seconds)
     marked = with_commas(_LIST.sub(lambda found: f"<{len(_entries(found).split())}>", text)).split("\n")
     lines = [cells for line in marked if len(cells := line.split(",")) == len(header)]
-    widths = [max(map(_width, cells)) for cells in zip(*lines, strict=True)]
+    widths = [next(filter(None, map(_width, cells)), 0) for cells in zip(*lines, strict=True)]
     if any(widths):
         steps = [lambda text: _LIST.sub(_entries, text), *steps, lambda text: _side_by_side(text, widths)]
         both = zip(header, widths, strict=True)

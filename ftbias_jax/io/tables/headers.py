@@ -91,6 +91,8 @@ BY_JOINT: Mapping[str, Names] = {
 """Quantity -> how its columns have the names of the joints."""
 IN_BASE_AXES = ("actual_tcp_force", "o_f_ext_hat_k")
 """What UR and Franka report in the axes of the base."""
+HALVES = re.compile(r"(|.*_)(?:(secs?|seconds)|nsecs?|nanosecs?|nanoseconds)")
+"""Names of columns that together are stamps, as messages of ROS have them: whole s, and the ns beyond."""
 COMMANDED = re.compile(r"(^|_)(target|desired|commanded|command|cmd|setpoint|reference|goal|action)_")
 """Before a name: what somebody asked for is no measurement."""
 BARE = re.compile(r"(.*_)?states?_|")
@@ -131,6 +133,17 @@ def matches(quantity: str, header: Sequence[str], joints: Sequence[str] | None =
     for match in found:
         unique.setdefault(match.names, match)
     return list(unique.values())
+
+
+def halves_of_stamps(header: Sequence[str]) -> Names:
+    """The columns of whole s and of the ns beyond that together are the stamps; () if there are others, or several."""
+    found: dict[str, dict[bool, str]] = {}
+    for name in header:
+        if half := HALVES.fullmatch(_plain(name)):
+            found.setdefault(half[1], {})[not half[2]] = name
+    pairs = [(both[False], both[True]) for both in found.values() if len(both) == 2]
+    rest = [name for name in header if name not in sum(pairs, ())]
+    return pairs[0] if len(pairs) == 1 and not matches("time", rest) else ()
 
 
 def some(quantity: str, header: Sequence[str], joints: Sequence[str]) -> bool:

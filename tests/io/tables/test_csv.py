@@ -7,6 +7,7 @@ from one_line import reading_fails as fails
 
 from ftbias_jax.io import read_log
 from ftbias_jax.io.tables import csv as csv_log
+from ftbias_jax.io.tables import first_lines
 from ftbias_jax.io.tables.columns import choose_columns
 
 HEADER = "t,q0,q1,dq0,dq1,fx,fy,fz,tx,ty,tz,temperature"
@@ -175,3 +176,103 @@ def test_files_that_are_no_csv_are_named(tmp_path, setup, content, what):
     if content is not None:
         path.write_bytes(content)
     fails(path, setup, what)
+
+
+def written(tmp_path, text, name="log.csv"):
+    (tmp_path / name).write_text(text)
+    return tmp_path / name
+
+
+def test_comments_may_come_first_whether_or_not_the_last_has_the_names(tmp_path, setup, plain):
+    header, *rows = lines()
+    for before in ("# arm: left\n# 2 joints, 3 samples\n" + header, "# arm: left\n\n# " + header):
+        varied = read_log(write(tmp_path, "\n".join([before, *rows])), setup)
+        for a, b in zip(plain, varied, strict=True):
+            np.testing.assert_array_equal(a, b)
+    fails(
+        write(tmp_path, "\n".join(["# arm: left", *lines(), "0.3,abc" + 10 * ",1"])), setup, "line 6, column q0: 'abc'"
+    )
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".txt", ".tsv", ".dat"])
+def test_columns_without_names_are_counted(tmp_path, make_setup, plain, suffix):
+    columns = {"time": "1", "position": ["2", "3"], "velocity": ["4", "5"], "wrench": [*list("6789"), "10", "11"]}
+    setup = make_setup(log={"columns": columns})
+    rows = lines()[1:]
+    log = read_log(written(tmp_path, "\n".join(rows), f"log{suffix}"), setup)
+    np.testing.assert_array_equal(np.column_stack([log.t, log.q, log.dq, log.wrench]), [
+        [t, *range(1, 11)] for t in (0, 0.1, 0.2)
+    ])  # fmt: skip
+    spaces = read_log(written(tmp_path, "\n".join(row.replace(",", "  ") for row in rows), f"log{suffix}"), setup)
+    np.testing.assert_array_equal(spaces.wrench, log.wrench)
+    counted = ",".join(map(str, range(12)))  # by pandas
+    setup = make_setup(log={"columns": {key: _less(names) for key, names in columns.items()}})
+    np.testing.assert_array_equal(read_log(written(tmp_path, "\n".join([counted, *rows])), setup).wrench, log.wrench)
+
+
+def _less(names):
+    return str(int(names) - 1) if isinstance(names, str) else [_less(name) for name in names]
+
+
+def row_of_lists(start, brackets="[]", between=", ", quote='"'):
+    def cell(values):
+        return f"{quote}{brackets[0]}{between.join(map(str, values))}{brackets[1]}{quote}"
+
+    return [cell(range(start, start + 2)), cell(range(start + 2, start + 8))]
+
+
+@pytest.mark.parametrize(
+    "style",
+    [{}, {"quote": ""}, {"brackets": "()"}, {"between": " ", "quote": ""}, {"between": " \n  "}],
+    ids=["quoted", "bare", "tuple", "numpy", "wrapped"],
+)
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+@pytest.mark.parametrize("block", [40, 1 << 22])
+def test_cells_that_are_lists_are_columns_of_their_entries(tmp_path, setup, monkeypatch, style, delimiter, block):
+    monkeypatch.setattr(csv_log, "BLOCK", block)
+    monkeypatch.setattr(first_lines, "LONGEST", 150)
+    content = [("t", "q", "ft"), ("0.0", row_of_lists(0, **style)[0], "")]
+    content += [(f"0.{i}", *row_of_lists(i, **style)) for i in range(1, 9)]
+    log = read_log(write(tmp_path, "\n".join(map(delimiter.join, content))), setup)
+    np.testing.assert_array_equal(log.q, [[i, i + 1] for i in range(9)])
+    np.testing.assert_array_equal(log.wrench, [[np.nan] * 6, *([i + j for j in range(2, 8)] for i in range(1, 9))])
+
+
+def test_lists_of_another_length_are_an_error(tmp_path, setup):
+    content = [
+        "t,q,ft",
+        *(",".join(["0.1", *row_of_lists(0)]) for _ in range(3)),
+        '0.4,"[1, 2, 3]","[1, 2, 3, 4, 5, 6]"',
+    ]
+    fails(write(tmp_path, "\n".join(content)), setup, "line 5: 10 cells, the header has 9")
+
+
+@pytest.mark.parametrize(
+    "date", ["2024-03-01T12:00:{}.{}00Z", "2024-03-01 12:00:{}.{}", "2024/03/01 13:00:{}.{}+01:00"]
+)
+@pytest.mark.parametrize("delimiter", [",", ";", " "])
+def test_dates_are_stamps(tmp_path, setup, date, delimiter):
+    header, *rows = (line.replace(",", delimiter) for line in lines(30, line="{i}" + LINE[len("0.{i}") :]))
+    rows = [row.replace(str(i), date.format(f"{i // 10:02}", i % 10), 1) for i, row in enumerate(rows)]
+    rows[10] = rows[10].replace(f".0{'00' * ('Z' in date)}", "", 1)  # isoformat leaves out a fraction of zero
+    if delimiter == ";":
+        rows = [row.replace(".", ",") for row in rows]
+    log = read_log(write(tmp_path, "\n".join([header, *rows])), setup)
+    assert log.start == pytest.approx(1709294400)
+    np.testing.assert_allclose(log.t, 0.1 * np.arange(30), atol=1e-6)
+
+
+def test_what_is_no_date_is_told(tmp_path, setup):
+    fails(
+        write(tmp_path, "\n".join([HEADER, "2024-13-01T12:00:00" + 11 * ",1"])), setup, "'2024-13-01T12:00:00' is not a"
+    )
+
+
+def test_seconds_and_nanoseconds_beside_each_other_are_stamps(tmp_path, setup, plain):
+    for names in ("secs,nsecs", "header.stamp.sec,header.stamp.nanosec"):
+        header, *rows = lines(line="1600000000,{i}00000000" + LINE[len("0.{i}") :], header=names + HEADER[1:])
+        log = read_log(write(tmp_path, "\n".join([header, *rows])), setup)
+        np.testing.assert_allclose(log.t, plain.t, atol=1e-6)
+        np.testing.assert_array_equal(log.wrench, plain.wrench)
+    header, *rows = lines(line="0.{i},7,8" + LINE[len("0.{i}") :], header="t,sec,nsec" + HEADER[1:])
+    np.testing.assert_array_equal(read_log(write(tmp_path, "\n".join([header, *rows])), setup).t, plain.t)
