@@ -25,6 +25,8 @@ from ftbias_jax.types import Array
 
 BATCH = 1 << 16
 """Rows decoded at once."""
+LOOKED_AT = 1000
+"""Rows, for the length of a list."""
 MAX_FOOTER = 8 << 20
 """Bytes of the description of columns and row groups, which takes a hundredfold in memory."""
 MAX_LIST = 100_000
@@ -130,7 +132,7 @@ def _times(arrow: Any, column: Any, name: str, file: str) -> Array:
 
 
 def cells_of(arrow: Any, table: Any, file: str) -> list[tuple[str, Cell]]:
-    """The names of all numbers in a row, and where each is; lists whose length is not known are one name."""
+    """The names of all numbers in a row, and where each is; lists of no stated length have that of the first."""
     schema, stated = table.schema_arrow, None
     cells: list[tuple[str, Cell]] = []
     for column, kind in zip(map(str, schema.names), schema.types, strict=True):
@@ -139,13 +141,22 @@ def cells_of(arrow: Any, table: Any, file: str) -> list[tuple[str, Cell]]:
             continue
         stated = _features(file) if stated is None else stated
         names = _entry_names(stated.get(column))
-        width = kind.list_size if arrow.types.is_fixed_size_list(kind) else len(names)
+        width = (
+            kind.list_size if arrow.types.is_fixed_size_list(kind) else len(names) or _first_length(table, column, file)
+        )
         if not 0 < width <= MOST_ENTRIES:
             cells.append((column, (column, None)))
             continue
         names = names if len(names) == width else [str(i) for i in range(width)]
         cells += [(f"{column}/{name}", (column, i)) for i, name in enumerate(names)]
     return cells
+
+
+def _first_length(table: Any, column: str, file: str) -> int:
+    """Entries of the first list of a column; 0 = there is none in the first LOOKED_AT rows."""
+    check_pages(file, [column], Budget(file))
+    batch = next(table.iter_batches(LOOKED_AT, columns=[column], use_threads=False))
+    return next((len(entries) for entries in batch.column(0) if entries.is_valid), 0)
 
 
 def _features(file: str) -> Mapping[str, Any]:

@@ -233,3 +233,16 @@ def test_lists_that_are_shorter_than_said_are_an_error_of_ours(tmp_path):
     (tmp_path / "meta" / "info.json").write_text('{"features": {"ft": {"shape": [6]}}}')
     with pytest.raises(LogError, match="is damaged"):
         read_log(log, parse_setup({"robot": {"model": "ur5e"}, "sensor": {"noise_std": 0.1}}))
+
+
+def test_lists_of_no_stated_length_have_that_of_the_first(tmp_path):
+    """As pandas writes cells that are lists: some are missing, and pixels are not asked for."""
+    q = [None, *Q.tolist()[1:]]
+    columns = {"time": T, "q": q, "ft": WRENCH.tolist(), "picture": [[i % 256] * (i % 3) for i in range(len(T))]}
+    log = tmp_path / "log.parquet"
+    parquet.write_table(arrow.table(columns), log)
+    setup, _ = drafted(tmp_path, log, robot="ur5e")
+    read = read_log(log, setup, raw=True)
+    np.testing.assert_allclose(read.q[1:], Q[1:])
+    assert np.isnan(read.q[0]).all()
+    np.testing.assert_allclose(read.wrench, WRENCH)
