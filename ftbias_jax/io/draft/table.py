@@ -11,7 +11,15 @@ from ftbias_jax.io.check import HIGHEST_RATE, LOWEST_RATE
 from ftbias_jax.io.ros.messages import JOINTS, POSE, TEMPERATURE, WRENCH
 from ftbias_jax.io.ros.record import Wanted, is_ros, read_recording
 from ftbias_jax.io.stamps.clock import seconds_of_a_unit
-from ftbias_jax.io.tables.arrays import ARRAY_FILES, ARRAYS, COLUMNS, POSE_ARRAYS, suffix_of
+from ftbias_jax.io.tables.arrays import (
+    ARRAY_FILES,
+    ARRAYS,
+    COLUMNS,
+    POSE_ARRAYS,
+    TABLES,
+    array_columns,
+    suffix_of,
+)
 from ftbias_jax.io.tables.columns import Columns
 from ftbias_jax.io.tables.headers import Match, matches, some
 from ftbias_jax.io.tables.poses import FEWEST, MOST
@@ -83,10 +91,11 @@ def look(path: str) -> Table:
     suffix = suffix_of(path)
     if is_ros(path):
         return _of_recording(path)
-    if suffix in ARRAY_FILES:
-        return _of_arrays(path, ARRAY_FILES[suffix](path, (*ARRAYS, *POSE_ARRAYS)))
-    if suffix not in COLUMNS:
+    if suffix not in TABLES:
         raise unknown_format(path)
+    of_arrays = _of_arrays(path, ARRAY_FILES[suffix](path, (*ARRAYS, *POSE_ARRAYS))) if suffix in ARRAY_FILES else None
+    if of_arrays and "wrench" in of_arrays.has and (of_arrays.joints or of_arrays.orientation):
+        return of_arrays
     header: list[str] = []
     found: dict[str, Match] = {}
 
@@ -98,7 +107,11 @@ def look(path: str) -> Table:
         wanted = {"t": "time", "q": moved, "dq": "accelerometer"}
         return {array: found[name].names if name in found else () for array, name in wanted.items()}
 
-    return _of_columns(path, header, found, COLUMNS[suffix](path, choose))
+    of_columns = _of_columns(path, header, found, COLUMNS.get(suffix, array_columns)(path, choose))
+    if of_arrays is None:
+        return of_columns
+    parts = [(bool(x.joints or x.orientation), "wrench" in x.has) for x in (of_columns, of_arrays)]
+    return of_columns if parts[0] > parts[1] else of_arrays
 
 
 def likeliest(candidates: Sequence[Match]) -> Match | None:

@@ -1,6 +1,6 @@
 """Arrays of NPZ and HDF5 files that nobody vouches for: sizes are checked before memory is taken, no pickles.
 
-Of HDF5 they are the datasets at the root.
+Of HDF5 they are the datasets by their paths from the root.
 """
 
 import math
@@ -22,6 +22,8 @@ from ftbias_jax.types import Array
 
 GZIP, SHUFFLE, CHECKSUM, LZF = 1, 2, 3, 32000
 """Numbers of HDF5's filters."""
+MOST_DATASETS = 1000
+"""Of one HDF5 file that are listed."""
 GROWTH = 1 << 12
 """Bytes that a chunk may be longer stored than unpacked: noise does not compress, and filters add a little."""
 _WRITE_AGAIN = "write it again with numpy.savez"
@@ -43,6 +45,18 @@ def load_arrays(path: str | os.PathLike[str], wanted: Collection[str] | None = N
         if wanted is not None:
             budget.refuse_held(sum(member.file_size for member in members.values()), file)
         return {name: _read(archive, member, name, file) for name, member in members.items()}
+
+
+def shapes_of_arrays(file: str) -> dict[str, tuple[int, ...]]:
+    """The shapes of all arrays of numbers in an NPZ file, by name."""
+    found: dict[str, tuple[int, ...]] = {}
+    with _opened(file) as archive:
+        for name, member in _members(archive).items():
+            with archive.open(member) as stream:
+                shape, _, dtype = _check_header(stream, member, name, file, objects=True)
+            if dtype.kind in "fiu":
+                found[name] = shape
+    return found
 
 
 class StoredArray(NamedTuple):
@@ -128,15 +142,20 @@ def _read(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str, file: st
 
 
 def _check_header(
-    stream: IO[bytes], member: zipfile.ZipInfo, name: str, file: str
+    stream: IO[bytes], member: zipfile.ZipInfo, name: str, file: str, objects: bool = False
 ) -> tuple[tuple[int, ...], bool, np.dtype]:
-    """Shape, order and type by the array's header, which must promise exactly the bytes that the member has."""
+    """Shape, order and type by the array's header, which must promise exactly the bytes that the member has.
+
+    Python objects, which are never read, are refused here unless ``objects`` may be there.
+    """
     npy = np.lib.format
     version, readers = npy.read_magic(stream), {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
     if version not in readers:  # 3.0 exists for structured arrays with non-Latin field names, which no log has
         raise LogError(f"has NPY version {version}", file=file, field=name, remedy="save plain arrays of numbers")
     shape, in_columns, dtype = readers[version](stream)
     if dtype.hasobject:
+        if objects:
+            return shape, in_columns, dtype
         raise LogError("holds Python objects", file=file, field=name, remedy="save plain arrays of numbers")
     promised = stream.tell() + math.prod(shape) * dtype.itemsize
     if promised != member.file_size:
@@ -147,18 +166,39 @@ def _check_header(
 
 def load_hdf5(file: str, names: Sequence[str]) -> dict[str, Array]:
     """The datasets of these names that are there, none of which takes more than it may."""
-    h5py = need("h5py", "hdf5", file)
     budget = Budget(file)
+    with _opened_hdf5(file) as (h5py, root):
+        datasets = {name: _dataset(h5py, root, name, file) for name in names if _is_there(h5py, root, name, file)}
+        for name, dataset in datasets.items():
+            budget.hold(dataset.size * 8, name)
+        for name, dataset in datasets.items():
+            _check_chunks(dataset, budget, file, name)
+        return {name: np.asarray(dataset[()]) for name, dataset in datasets.items()}
+
+
+def shapes_of_hdf5(file: str) -> dict[str, tuple[int, ...]]:
+    """The shapes of all datasets of numbers, by their paths; links are not followed."""
+    found: dict[str, tuple[int, ...]] = {}
+    with _opened_hdf5(file) as (h5py, root):
+
+        def visit(name: str, item: Any) -> bool | None:
+            if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu" and item.shape is not None:
+                found[name] = item.shape
+            return True if len(found) == MOST_DATASETS else None  # ends the visit
+
+        root.visititems(visit)
+    return found
+
+
+@contextmanager
+def _opened_hdf5(file: str) -> Iterator[tuple[Any, Any]]:
+    """h5py and the root of the file; what the library raises as errors of ours."""
+    h5py = need("h5py", "hdf5", file)
     try:
         with open(file, "rb"):  # the system's own words for a file that may not be read
             pass
         with h5py.File(file, "r") as root:
-            datasets = {name: _dataset(h5py, root, name, file) for name in names if name in root}
-            for name, dataset in datasets.items():
-                budget.hold(dataset.size * 8, name)
-            for name, dataset in datasets.items():
-                _check_chunks(dataset, budget, file, name)
-            return {name: np.asarray(dataset[()]) for name, dataset in datasets.items()}
+            yield h5py, root
     except LogError:
         raise
     except OSError as error:
@@ -168,10 +208,20 @@ def load_hdf5(file: str, names: Sequence[str]) -> dict[str, Array]:
         raise LogError(f"is damaged: {error}", file=file, remedy="write it again") from error
 
 
+def _is_there(h5py: Any, root: Any, path: str, file: str) -> bool:
+    """Whether there is a dataset or group; no link on the way to it is followed."""
+    steps = path.split("/")
+    for i in range(len(steps)):
+        link = root.get("/".join(steps[: i + 1]), getlink=True)
+        if link is None:
+            return False
+        if not isinstance(link, h5py.HardLink):
+            raise LogError("is a link", file=file, field=path, remedy="store the dataset itself")
+    return True
+
+
 def _dataset(h5py: Any, root: Any, name: str, file: str) -> Any:
     """The dataset of this name, if its numbers are in this very file and as many as it has room for."""
-    if not isinstance(root.get(name, getlink=True), h5py.HardLink):
-        raise LogError("is a link", file=file, field=name, remedy="store the dataset itself at the root")
     dataset = root[name]
     if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in "fiu" or dataset.shape is None:
         raise LogError("is no dataset of numbers", file=file, field=name, remedy="store arrays of real numbers")

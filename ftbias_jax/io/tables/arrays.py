@@ -9,8 +9,8 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import FURTHER, Part, check_log, further_columns, log_of_parts, on_one_clock
 from ftbias_jax.io.log import Log, Repairs
 from ftbias_jax.io.stamps.clock import as_stamps, on_right_clock, put_in_order, rows_at_rate, stamps_of
-from ftbias_jax.io.tables.array_files import load_arrays, load_hdf5
-from ftbias_jax.io.tables.columns import Columns, choose_columns, named_columns
+from ftbias_jax.io.tables.array_files import load_arrays, load_hdf5, shapes_of_arrays, shapes_of_hdf5
+from ftbias_jax.io.tables.columns import WIDE, Columns, choose_columns, named_columns
 from ftbias_jax.io.tables.csv import csv_columns
 from ftbias_jax.io.tables.parquet import parquet_columns
 from ftbias_jax.setup.recorded import PoseSetup
@@ -31,12 +31,19 @@ QUANTITIES = {
     "temperature": ("temperature",),
 }
 """Key of [log.columns] -> the array that its columns are, and others that would be read in its place."""
-COLUMNS: dict[str, Callable[[str, Callable[[Sequence[str]], Columns]], dict[str, Array]]]
+Reader = Callable[[str, Callable[[Sequence[str]], Columns]], dict[str, Array]]
+"""Reads the columns of a file that are chosen from its header."""
+COLUMNS: dict[str, Reader]
 COLUMNS = {".csv": csv_columns, ".parquet": parquet_columns}
 """Suffix -> what reads the columns that are chosen from a header."""
 ARRAY_FILES: dict[str, Callable[[str, Sequence[str]], dict[str, Array]]]
 ARRAY_FILES = {".npz": load_arrays, ".h5": load_hdf5, ".hdf5": load_hdf5}
 """Suffix -> what reads the arrays of these names that are there."""
+SHAPES: dict[str, Callable[[str], dict[str, tuple[int, ...]]]]
+SHAPES = {".npz": shapes_of_arrays, ".h5": shapes_of_hdf5, ".hdf5": shapes_of_hdf5}
+"""Suffix -> what reads the shapes of all arrays."""
+WIDEST = 100
+"""Numbers a sample, of an array that can be columns."""
 TEXT = (".txt", ".tsv", ".dat")
 """Suffixes of other tables of text, which are read as CSV."""
 TABLES = (".npz", *COLUMNS, ".h5", ".hdf5")
@@ -170,10 +177,69 @@ def read_table(file: str, setup: Setup) -> Log:
 def native_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Array]:
     """The arrays of a log, or of static poses, by the names of the native format (``arrays.ARRAYS``)."""
     suffix = suffix_of(file)
-    if suffix in COLUMNS:
-        quantities = ("position", "wrench", "temperature", *(() if static else ("velocity",)))
-        return COLUMNS[suffix](file, lambda header: choose_columns(header, quantities, setup, file, static))
+    quantities = ("position", "wrench", "temperature", *(() if static else ("velocity",)))
+    columns = as_columns(file, setup, quantities[:2])
+    if columns:
+        return columns(file, lambda header: choose_columns(header, quantities, setup, file, static))
     arrays = ARRAY_FILES[suffix](file, (*wanted_arrays(setup), *(OURS if suffix == ".npz" else ())))
     further = {} if static else named_columns(list(arrays), setup, file)
     native = arrays if arrays.keys() >= set(OURS) else by_native_names(arrays, setup, file)
     return native | {key: arrays[name] for key, (name,) in further.items()}
+
+
+def as_columns(file: str, setup: Setup, quantities: Sequence[str]) -> Reader | None:
+    """What reads a file as columns; None = it has arrays of the native names, or of [log.columns], or lacks something.
+
+    What it lacks is told in the words of the native names, unless it has none of them.
+    """
+    suffix = suffix_of(file)
+    if suffix in COLUMNS:
+        return COLUMNS[suffix]
+    names = SHAPES[suffix](file).keys()
+
+    def has(quantity: str) -> bool:
+        stated = setup.log.columns.get(quantity, ())
+        stated = (stated,) if isinstance(stated, str) else stated
+        return names >= set(stated) if stated else not names.isdisjoint(QUANTITIES[quantity])
+
+    if names >= set(OURS) or all(map(has, quantities)):
+        return None
+    if not names.isdisjoint((*ARRAYS, *POSE_ARRAYS)):
+        try:
+            choose_columns(list(_cells(file)), quantities, setup, file)
+        except LogError:
+            return None
+    return array_columns
+
+
+def array_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[str, Array]:
+    """The columns that ``choose`` takes of a file of arrays, by the names that it gives them.
+
+    An array (T,) is a column, the K of an array (T, K) are called array/0, array/1, ....
+    """
+    cells = _cells(file)
+    columns = {key: [cells[name] for name in names] for key, names in choose(list(cells)).items() if names}
+    used = dict.fromkeys(name for found in columns.values() for name, _ in found)
+    arrays = ARRAY_FILES[suffix_of(file)](file, list(used))
+    first = next(iter(arrays), "")
+    for name, values in arrays.items():
+        if len(values) != len(arrays[first]):
+            message = f"has {len(values)} samples, {first} {len(arrays[first])}"
+            raise LogError(message, file=file, field=name, remedy="store t_joints and t_wrench, or one row a sample")
+    numbers = {key: [_column(arrays[name], entry) for name, entry in found] for key, found in columns.items()}
+    return {key: np.stack(found, 1) if key in WIDE else found[0] for key, found in numbers.items()}
+
+
+def _cells(file: str) -> dict[str, tuple[str, int | None]]:
+    """Names of columns, and where each is: the array, and the entry of its rows; None = it has one number a row."""
+    cells: dict[str, tuple[str, int | None]] = {}
+    for name, shape in SHAPES[suffix_of(file)](file).items():
+        if len(shape) == 1:
+            cells[name] = (name, None)
+        elif len(shape) == 2 and shape[1] <= WIDEST:
+            cells |= {f"{name}/{i}": (name, i) for i in range(shape[1])}
+    return cells
+
+
+def _column(values: Array, entry: int | None) -> Array:
+    return values if entry is None else values[:, entry]

@@ -48,7 +48,7 @@ Names = tuple[str, ...]
 FORCES, TORQUES = tuple(f"force_{x}" for x in "xyz"), tuple(f"torque_{x}" for x in "xyz")
 QUATERNIONS = ("q", "orientation_", "quaternion_", "quat_")
 FIXED: Mapping[str, tuple[Names, ...]] = {
-    "time": (("t",), ("time",), ("timestamp",), ("stamp",), ("seconds",)),
+    "time": (("t",), ("time",), ("timestamp",), ("timestamps",), ("stamp",), ("seconds",)),
     "temperature": (("temperature",), ("temp",)),
     "wrench": (
         ("fx", "fy", "fz", "tx", "ty", "tz"),
@@ -73,10 +73,10 @@ FIXED: Mapping[str, tuple[Names, ...]] = {
 COUNTED: Mapping[str, Names] = {
     "position": (
         *("actual_q", "q", "joint_positions", "joint_position", "joint_pos", "joint_angles", "joint_angle"),
-        *("joints", "joint", "positions", "position", "axis", "a"),
+        *("joints", "joint", "positions", "position", "qpos", "axis", "a"),
     ),
     "velocity": (
-        *("actual_qd", "dq", "qd", "joint_velocities", "joint_velocity", "joint_vel", "velocities", "velocity"),
+        *("actual_qd", "dq", "qd", "joint_velocities", "joint_velocity", "joint_vel", "velocities", "velocity", "qvel"),
     ),
     "wrench": (
         *("ft_raw_wrench", "actual_tcp_force", "k_f_ext_hat_k", "o_f_ext_hat_k", "force_torque", "ft_sensor"),

@@ -83,12 +83,12 @@ def read_stream(
     if is_ros(file):
         return _of_recording(file, quantities, setup, salvage)
     suffix = native.suffix_of(file)
-    if suffix in native.COLUMNS:
-        found = native.COLUMNS[suffix](file, lambda header: choose_columns(header, quantities, setup, file))
-    elif suffix in native.ARRAY_FILES:
-        found = _of_arrays(native.ARRAY_FILES[suffix](file, native.wanted_arrays(setup)), quantities, setup, file)
-    else:
+    if suffix not in native.TABLES:
         raise unknown_format(file)
+    if columns := native.as_columns(file, setup, quantities[:1]):
+        found = columns(file, lambda header: choose_columns(header, quantities, setup, file))
+    else:
+        found = _of_arrays(native.ARRAY_FILES[suffix](file, native.wanted_arrays(setup)), quantities, setup, file)
     counted = rows_at_rate(next(values for name, values in found.items() if name != "t"), setup.log)
     recorded = found.pop("t", None)
     t = stamps_of(recorded, setup.log) if counted is None else counted

@@ -12,6 +12,7 @@ from ftbias_jax.cli.main import main
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.draft.draft import Request, draft
+from ftbias_jax.io.draft.table import look
 from ftbias_jax.io.info import describe
 from ftbias_jax.io.tables.headers import matches
 from ftbias_jax.setup import load_setup, parse_setup
@@ -246,3 +247,60 @@ def test_lists_of_no_stated_length_have_that_of_the_first(tmp_path):
     np.testing.assert_allclose(read.q[1:], Q[1:])
     assert np.isnan(read.q[0]).all()
     np.testing.assert_allclose(read.wrench, WRENCH)
+
+
+def save_h5(path, arrays):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as root:
+        for name, values in arrays.items():
+            root[name] = values
+
+
+@pytest.mark.parametrize(("suffix", "save"), [(".npz", lambda path, x: np.savez(path, **x)), (".h5", save_h5)])
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("timestamps", "joint_positions", "ft"),
+        ("t", "qpos", "force_torque"),
+        ("timestamp", "robot/joint_positions", "robot/wrench"),
+    ],
+)
+def test_arrays_of_other_names_are_columns(tmp_path, suffix, save, names):
+    if suffix == ".npz":
+        names = [name.rpartition("/")[2] for name in names]
+    log = tmp_path / f"log{suffix}"
+    pictures = np.zeros((len(T), 4, 3), np.uint8)
+    save(log, dict(zip((*names, "picture", "action"), (T, Q, WRENCH, pictures, 0 * Q), strict=True)))
+    setup, _ = drafted(tmp_path, log, robot="ur5e")
+    assert setup.log.columns["wrench"] == tuple(f"{names[2]}/{i}" for i in range(6))
+    read = read_log(log, setup, raw=True)
+    np.testing.assert_allclose(read.q, Q)
+    np.testing.assert_allclose(read.wrench, WRENCH)
+    assert abs(setup.tool.mass - made.MASS) < 0.05
+
+
+def test_forces_and_torques_in_arrays_of_their_own(tmp_path):
+    log = tmp_path / "log.npz"
+    np.savez(log, t=T, q=Q, force=WRENCH[:, :3], torque=WRENCH[:, 3:])
+    read = read_log(log, drafted(tmp_path, log, robot="ur5e")[0], raw=True)
+    np.testing.assert_allclose(read.wrench, WRENCH)
+    assert look(str(log)).joints == 6
+
+
+def test_arrays_that_are_columns_have_one_length(tmp_path):
+    np.savez(tmp_path / "log.npz", time=T, joint_positions=Q, ft=WRENCH[1:])
+    with pytest.raises(LogError, match=f"ft: has {len(T) - 1} samples, joint_positions {len(T)}|time {len(T)}"):
+        read_log(tmp_path / "log.npz", parse_setup({"robot": {"model": "ur5e"}, "sensor": {"noise_std": 0.1}}))
+
+
+def test_links_on_the_way_to_a_dataset_are_not_followed(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    save_h5(tmp_path / "other.h5", {"arm/q": Q})
+    with h5py.File(tmp_path / "log.h5", "w") as root:
+        root["arm"] = h5py.ExternalLink("other.h5", "arm")
+        root["t"], root["wrench"] = T, WRENCH
+    columns = {"position": [f"arm/q{i}" for i in range(6)]}
+    setup = {"robot": {"model": "ur5e"}, "sensor": {"noise_std": 0.1}, "log": {"columns": columns}}
+    with pytest.raises(LogError, match="arm/q0: is a link"):
+        read_log(tmp_path / "log.h5", parse_setup(setup))
+    assert "arm/q/0" not in look(str(tmp_path / "log.h5")).header
