@@ -166,8 +166,7 @@ def _check_header(
 
 def load_hdf5(file: str, names: Sequence[str]) -> dict[str, Array]:
     """The datasets of these names that are there, none of which takes more than it may."""
-    budget = Budget(file)
-    with _opened_hdf5(file) as (h5py, root):
+    with _opened_hdf5(file) as (h5py, root, budget):
         datasets = {name: _dataset(h5py, root, name, file) for name in names if _is_there(h5py, root, name, file)}
         for name, dataset in datasets.items():
             budget.hold(dataset.size * 8, name)
@@ -179,7 +178,7 @@ def load_hdf5(file: str, names: Sequence[str]) -> dict[str, Array]:
 def shapes_of_hdf5(file: str) -> dict[str, tuple[int, ...]]:
     """The shapes of all datasets of numbers, by their paths; links are not followed."""
     found: dict[str, tuple[int, ...]] = {}
-    with _opened_hdf5(file) as (h5py, root):
+    with _opened_hdf5(file) as (h5py, root, _):
 
         def visit(name: str, item: Any) -> bool | None:
             if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu" and item.shape is not None:
@@ -191,14 +190,14 @@ def shapes_of_hdf5(file: str) -> dict[str, tuple[int, ...]]:
 
 
 @contextmanager
-def _opened_hdf5(file: str) -> Iterator[tuple[Any, Any]]:
-    """h5py and the root of the file; what the library raises as errors of ours."""
-    h5py = need("h5py", "hdf5", file)
+def _opened_hdf5(file: str) -> Iterator[tuple[Any, Any, Budget]]:
+    """h5py, the root of the file and its budget; what the library raises as errors of ours."""
+    h5py, budget = need("h5py", "hdf5", file), Budget(file)  # which looks whether it is a file at all
     try:
         with open(file, "rb"):  # the system's own words for a file that may not be read
             pass
         with h5py.File(file, "r") as root:
-            yield h5py, root
+            yield h5py, root, budget
     except LogError:
         raise
     except OSError as error:
