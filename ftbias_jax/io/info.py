@@ -23,7 +23,7 @@ from ftbias_jax.io.ros.messages import IMU, JOINT_STATE, JOINTS, POSE, POSITION,
 from ftbias_jax.io.ros.read import log_of, skew
 from ftbias_jax.io.ros.record import Recording, Stream, Topic, Wanted, is_ros, read_recording
 from ftbias_jax.io.stamps.clock import longer_in_words, one_a_stamp
-from ftbias_jax.io.tables.headers import FIXED
+from ftbias_jax.io.tables.headers import FIXED, TO_NAME, are_counted
 from ftbias_jax.io.tables.poses import Poses, as_log
 from ftbias_jax.io.tables.streams import read_stream
 from ftbias_jax.setup.dump import Known, toml_line, write_template
@@ -253,6 +253,8 @@ def _verdict(path: str, table: Table) -> str:
     parts = [motion, "an IMU" if table.has_imu else "", "a wrench" if "wrench" in table.has else ""]
     found = " and ".join(part for part in parts if part)
     name = Path(path).name
+    if are_counted(table.header):
+        return f"its columns have no names: {TO_NAME}"
     if not found:
         return (
             f"has nothing that is known by its name: ftbias setup {name} --robot NAME -o setup.toml writes a setup "

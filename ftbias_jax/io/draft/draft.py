@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.errors import UsageError
+from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.io import read_recorded
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.draft.conventions import Read, accelerometer, best_reading, gyroscope, position_axes, ways_of
@@ -31,6 +31,7 @@ from ftbias_jax.io.draft.table import Table, left_to_choose, look, patterns, sta
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.pose import sensor_rotations
 from ftbias_jax.io.ros.record import is_ros
+from ftbias_jax.io.tables.headers import TO_NAME, are_counted
 from ftbias_jax.io.tables.poses import Poses, as_log, read_poses
 from ftbias_jax.setup.dump import MEASURE, Known, write_template
 from ftbias_jax.setup.mjcf import load_mjcf, mjcf_robot
@@ -142,6 +143,8 @@ def _of_robot(request: Request, folder: str) -> tuple[Keys, str, list[Table]]:
         tables = [look(path) for path in request.logs]
         has_pose = any(table.orientation for table in tables)  # then no robot need be known
         if not stated and not (has_pose and (not request.robot or not any(table.joints for table in tables))):
+            if not request.robot and (unnamed := [table.path for table in tables if are_counted(table.header)]):
+                raise LogError("its columns have no names", file=unnamed[0], remedy=f"{TO_NAME}, or name the robot")
             names = next((table.names for table in tables if table.names), ())
             by_columns = any(table.header for table in tables)  # then [log.columns] gives their order
             stated = built_in(_named(request, names), () if by_columns else names)

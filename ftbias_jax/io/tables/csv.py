@@ -10,7 +10,7 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.budget import Budget
 from ftbias_jax.io.tables.columns import Columns, split
-from ftbias_jax.io.tables.first_lines import NUMBER, Layout, check_length, read_layout
+from ftbias_jax.io.tables.first_lines import DAY, NUMBER, Layout, check_length, read_layout
 from ftbias_jax.io.tables.headers import halves_of_stamps
 from ftbias_jax.types import Array
 
@@ -26,7 +26,8 @@ def csv_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[s
 
     The file is UTF-8 with cells separated by commas, semicolons, tabs or spaces; a line may have joints only, or a
     wrench only. Lines that begin with # may come first. Columns without names are called 1, 2, 3, ..., and entries of
-    cells that are lists, such as "[0.1, 0.2]", column/0, column/1, ...; dates become s since 1970. Two columns of whole
+    cells that are lists, such as "[0.1, 0.2]", column/0, column/1, ...; dates become s since 1970 and
+    times of a day s since its midnight. Two columns of whole
     s and of the ns beyond are one more, t.
     """
     budget = Budget(file)
@@ -41,7 +42,10 @@ def csv_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[s
             numbers = _read_numbers(_whole_lines(stream, layout, file), layout, used, budget)
             if beyond:
                 numbers[:, [*(name == STAMPS for name in names), False]] += 1e-9 * numbers[:, -1:]
-            return split(columns, numbers[:, : len(names)])
+            found = split(columns, numbers[:, : len(names)])
+            if layout.of_day and "t" in found:  # which may go on after midnight
+                found["t"] = np.unwrap(found["t"], period=DAY)
+            return found
     except OSError as error:
         raise LogError(f"cannot be read: {error.strerror}", file=file, remedy="check the path") from error
     except UnicodeDecodeError as error:

@@ -12,11 +12,16 @@ LONGEST = 1 << 16
 """Characters of a header by which the delimiter is told, and of the lines after it by which cells are."""
 MAX_LINE = 1 << 20
 """Characters; the widest table of a robot has some thousand columns."""
+EPOCH, DAY = "1970-01-01", 86400.0
+"""From which s are counted, and s."""
 NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*([eE][+-]?\d+)?|\.\d+([eE][+-]?\d+)?|nan|inf(inity)?)\s*", re.I | re.ASCII)
 
 _SEMICOLONS = str.maketrans({",": ".", ";": ","})
 _ENDS = re.compile(r"^#?[ \t]+|[ \t]+$", re.MULTILINE)
-_DATE = re.compile(r"\d{4}[-/]\d\d[-/]\d\d[T ]\d\d:\d\d:\d\d(?:\.\d+)?(?:Z|[+-]\d\d:?\d\d)?", re.ASCII)
+_DATE = re.compile(
+    r"\b(?:(\d{4}[-/]\d\d[-/]\d\d)[T ]|\d\d?[./]\d\d?[./]\d{4} )?(\d\d?)(:\d\d:\d\d(?:\.\d+)?)(Z|[+-]\d\d:?\d\d)?",
+    re.ASCII,
+)
 _LIST = re.compile(r'"?[\[(]([^\[\]()]*)[\])]"?')
 
 
@@ -29,6 +34,8 @@ class Layout(NamedTuple):
     """Turns whole lines into numbers separated by commas."""
     has_lists: bool
     """Whether cells are lists, which may go on in the next line."""
+    of_day: bool
+    """Whether stamps may be s since midnight."""
     line_number: int
     """Of the first line of numbers, counted from 1."""
     read: str
@@ -49,7 +56,7 @@ def read_layout(stream: TextIO, file: str) -> Layout:
         return _layout(_names(line), stream.read(LONGEST), number + 1, _to_commas(line[:LONGEST]))
     names = [_names(comment) for comment in reversed(comments)]  # numpy.savetxt marks its header as a comment
     if not line:
-        return Layout(names[0] if names else [], str, False, number, "")
+        return Layout(names[0] if names else [], str, False, False, number, "")
     width = len(_cells(line))
     header = next((found for found in names if len(found) == width), [str(i + 1) for i in range(width)])
     return _layout(header, line + stream.read(LONGEST), number, _to_commas_of_numbers(line))
@@ -114,7 +121,7 @@ def _has_numbers(line: str) -> bool:
 def _layout(header: list[str], text: str, line_number: int, with_commas: Callable[[str], str]) -> Layout:
     """By the names and the first lines of numbers."""
     steps = [with_commas]
-    if _DATE.search(text):  # before spaces become commas, but after decimal commas become points
+    if date := _DATE.search(text):  # before spaces become commas, but after decimal commas become points
         steps.insert(1 if with_commas(",") == "." else 0, _to_seconds)
     marked = with_commas(_LIST.sub(lambda found: f"<{len(_entries(found).split())}>", text)).split("\n")
     lines = [cells for line in marked if len(cells := line.split(",")) == len(header)]
@@ -129,7 +136,7 @@ def _layout(header: list[str], text: str, line_number: int, with_commas: Callabl
             text = step(text)
         return text
 
-    return Layout(header, apply, any(widths), line_number, text)
+    return Layout(header, apply, any(widths), bool(date and not date[1]), line_number, text)
 
 
 def _entries(found: re.Match[str]) -> str:
@@ -154,13 +161,17 @@ def _side_by_side(text: str, widths: Sequence[int]) -> str:
 
 
 def _to_seconds(text: str) -> str:
-    """The text with s since 1970 in the place of dates, which are of UTC if they do not state their zone."""
+    """The text with s since 1970 in the place of dates, which are of UTC if they do not state their zone.
 
-    def of_date(found: re.Match[str]) -> str:
+    Of a time without a date, or with one whose day and month cannot be told apart, s since midnight.
+    """
+
+    def seconds(found: re.Match[str]) -> str:
+        day, hour, rest, zone = found.groups("")
         try:
-            date = datetime.fromisoformat(found[0].replace("/", "-"))
+            date = datetime.fromisoformat(f"{(day or EPOCH).replace('/', '-')}T{hour.zfill(2)}{rest}{zone}")
         except ValueError:
             return found[0]
         return f"{(date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp():.6f}"
 
-    return _DATE.sub(of_date, text)
+    return _DATE.sub(seconds, text)

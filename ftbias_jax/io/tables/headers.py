@@ -91,6 +91,8 @@ BY_JOINT: Mapping[str, Names] = {
 """Quantity -> how its columns have the names of the joints."""
 IN_BASE_AXES = ("actual_tcp_force", "o_f_ext_hat_k")
 """What UR and Franka report in the axes of the base."""
+TO_NAME = "write the names of the columns in a first line of the file, such as # t,fx,fy,fz,tx,ty,tz,q0,q1,q2,q3,q4,q5"
+"""What to do where they have none."""
 HALVES = re.compile(r"(|.*_)(?:(secs?|seconds)|nsecs?|nanosecs?|nanoseconds)")
 """Names of columns that together are stamps, as messages of ROS have them: whole s, and the ns beyond."""
 COMMANDED = re.compile(r"(^|_)(target|desired|commanded|command|cmd|setpoint|reference|goal|action)_")
@@ -133,6 +135,11 @@ def matches(quantity: str, header: Sequence[str], joints: Sequence[str] | None =
     for match in found:
         unique.setdefault(match.names, match)
     return list(unique.values())
+
+
+def are_counted(header: Sequence[str]) -> bool:
+    """Whether the columns have numbers in the place of names."""
+    return bool(header) and list(header) == [str(i + 1) for i in range(len(header))]
 
 
 def halves_of_stamps(header: Sequence[str]) -> Names:

@@ -262,6 +262,19 @@ def test_dates_are_stamps(tmp_path, setup, date, delimiter):
     np.testing.assert_allclose(log.t, 0.1 * np.arange(30), atol=1e-6)
 
 
+@pytest.mark.parametrize("date", ["", "31.12.2024 ", "3/1/2024 "])
+@pytest.mark.parametrize("delimiter", [",", ";", " "])
+def test_times_of_a_day_go_on_after_midnight(tmp_path, setup, date, delimiter):
+    header, *rows = (line.replace(",", delimiter) for line in lines(30, line="{i}" + LINE[len("0.{i}") :]))
+    clock = [86398.5 + 0.1 * i for i in range(30)]
+    times = [f"{date}{int(t // 3600 % 24)}:{int(t // 60 % 60):02}:{t % 60:04.1f}" for t in clock]
+    rows = [row.replace(str(i), times[i], 1) for i, row in enumerate(rows)]
+    if delimiter == ";" and not date:
+        rows = [row.replace(".", ",") for row in rows]
+    log = read_log(write(tmp_path, "\n".join([header, *rows])), setup)
+    np.testing.assert_allclose(log.t, 0.1 * np.arange(30), atol=1e-6)
+
+
 def test_what_is_no_date_is_told(tmp_path, setup):
     fails(
         write(tmp_path, "\n".join([HEADER, "2024-13-01T12:00:00" + 11 * ",1"])), setup, "'2024-13-01T12:00:00' is not a"

@@ -304,3 +304,16 @@ def test_links_on_the_way_to_a_dataset_are_not_followed(tmp_path):
     with pytest.raises(LogError, match="arm/q0: is a link"):
         read_log(tmp_path / "log.h5", parse_setup(setup))
     assert "arm/q/0" not in look(str(tmp_path / "log.h5")).header
+
+
+def test_a_table_without_names_says_how_to_name_them(tmp_path):
+    pose = made.rotations(ROBOT, Q).reshape(-1, 9)
+    rows = "\n".join(",".join(f"{x:.9g}" for x in row) for row in np.column_stack([T, WRENCH, pose]))
+    log = tmp_path / "log.txt"
+    log.write_text(rows)
+    assert "write the names of the columns in a first line" in describe(log).verdict
+    with pytest.raises(LogError, match="its columns have no names") as caught:
+        drafted(tmp_path, log)
+    assert "# t,fx,fy" in caught.value.remedy
+    log.write_text("# t,fx,fy,fz,tx,ty,tz,r11,r12,r13,r21,r22,r23,r31,r32,r33\n" + rows)
+    np.testing.assert_allclose(read_log(log, drafted(tmp_path, log)[0], raw=True).wrench, WRENCH)
