@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from typing import NamedTuple, TextIO
 
 from ftbias_jax.errors import LogError
+from ftbias_jax.io.tables.headers import UNITS
 
 LONGEST = 1 << 16
 """Characters of a header by which the delimiter is told, and of the lines after it by which cells are."""
@@ -45,7 +46,7 @@ class Layout(NamedTuple):
 def read_layout(stream: TextIO, file: str) -> Layout:
     """The header is the first line that is no comment, or if that has numbers, a comment before it with as many cells.
 
-    Columns without names are called 1, 2, 3, ...
+    Units of all columns may stand in the line after it. Columns without names are called 1, 2, 3, ...
     """
     comments: list[str] = []
     line, number = _next_line(stream, file, 0)
@@ -53,7 +54,11 @@ def read_layout(stream: TextIO, file: str) -> Layout:
         comments.append(line)
         line, number = _next_line(stream, file, number)
     if line and not _has_numbers(line):
-        return _layout(_names(line), stream.read(LONGEST), number + 1, _to_commas(line[:LONGEST]))
+        header, text, with_commas = _names(line), stream.read(LONGEST), _to_commas(line[:LONGEST])
+        second, _, rest = text.partition("\n")
+        if units := _units(with_commas(second), len(header)):
+            header, text, number = [*map(_with_unit, header, units)], rest, number + 1
+        return _layout(header, text, number + 1, with_commas)
     names = [_names(comment) for comment in reversed(comments)]  # numpy.savetxt marks its header as a comment
     if not line:
         return Layout(names[0] if names else [], str, False, False, number, "")
@@ -82,6 +87,18 @@ def _next_line(stream: TextIO, file: str, number: int) -> tuple[str, int]:
 def _names(line: str) -> list[str]:
     line = line.strip().removeprefix("#")
     return [name.strip() for name in next(csv.reader([_to_commas(line[:LONGEST])(line)]), [])]
+
+
+def _units(line: str, width: int) -> list[str]:
+    """Those in a line with as many cells and no numbers; [] = they are none."""
+    units = [cell.strip(' \t\r"[]()') for cell in line.split(",")]
+    has_numbers = any(map(NUMBER.fullmatch, re.split(r"[\s,\[\]()\"]+", line))) or _DATE.search(line)
+    known = any(unit.lower() in words for unit in units for _, words in UNITS.values())
+    return units if known and not has_numbers and len(units) == width else []
+
+
+def _with_unit(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit.strip("-") else name
 
 
 def _to_commas(header: str) -> Callable[[str], str]:

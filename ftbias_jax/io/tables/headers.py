@@ -43,12 +43,15 @@ DIMENSIONS: Mapping[str, str] = {
     "place": "length",
 }
 """Quantity -> dimension; a wrench has two, and orientations none."""
+OTHER = "other_"
+"""Before a quantity: names that are looked for only where none of the usual ones is there."""
 Names = tuple[str, ...]
 
 FORCES, TORQUES = tuple(f"force_{x}" for x in "xyz"), tuple(f"torque_{x}" for x in "xyz")
 QUATERNIONS = ("q", "orientation_", "quaternion_", "quat_")
 FIXED: Mapping[str, tuple[Names, ...]] = {
     "time": (("t",), ("time",), ("timestamp",), ("timestamps",), ("stamp",), ("seconds",)),
+    "other_time": (("time_stamp",), ("elapsed_time",), ("ros_time",), ("rostime",), ("unix_time",)),
     "temperature": (("temperature",), ("temp",)),
     "wrench": (
         ("fx", "fy", "fz", "tx", "ty", "tz"),
@@ -56,6 +59,10 @@ FIXED: Mapping[str, tuple[Names, ...]] = {
         (*FORCES, *TORQUES),
         (*FORCES, *(f"moment_{x}" for x in "xyz")),
         tuple(f"{name}_{i}" for name in ("force", "torque") for i in range(3)),
+        *(
+            tuple(f"{name}{x}" for name in names for x in "xyz")
+            for names in (("f_", "t_"), ("f_", "m_"), ("force", "torque"))
+        ),
     ),
     **{
         f"quaternion_{order}": tuple(tuple(f"{stem}{x}" for x in order) for stem in QUATERNIONS)
@@ -78,6 +85,8 @@ COUNTED: Mapping[str, Names] = {
     "velocity": (
         *("actual_qd", "dq", "qd", "joint_velocities", "joint_velocity", "joint_vel", "velocities", "velocity", "qvel"),
     ),
+    "other_position": ("q_actual", "q_measured", "q_meas", "jointpos", "jpos", "theta", "j"),
+    "other_velocity": ("qdot", "q_dot", "joint_speeds", "joint_speed", "jointvel", "jvel"),
     "wrench": (
         *("ft_raw_wrench", "actual_tcp_force", "k_f_ext_hat_k", "o_f_ext_hat_k", "force_torque", "ft_sensor"),
         *("external_wrench", "wrench", "ft"),
@@ -89,6 +98,8 @@ BY_JOINT: Mapping[str, Names] = {
     "velocity": ("velocity_{}", "{}_velocity", "{}_vel"),
 }
 """Quantity -> how its columns have the names of the joints."""
+OF_JOINTS = ("j",)
+"""Stems that mean joints, not what is measured of them: with something before it, torque_J1 is no position."""
 IN_BASE_AXES = ("actual_tcp_force", "o_f_ext_hat_k")
 """What UR and Franka report in the axes of the base."""
 TO_NAME = "write the names of the columns in a first line of the file, such as # t,fx,fy,fz,tx,ty,tz,q0,q1,q2,q3,q4,q5"
@@ -131,6 +142,8 @@ def matches(quantity: str, header: Sequence[str], joints: Sequence[str] | None =
     """
     columns = [column for name in header for column in _forms(name, _words_for(quantity))]
     found = [*_fixed(quantity, columns), *_counted(quantity, columns, joints), *_by_joint(quantity, columns, joints)]
+    if not found:
+        found = [*_fixed(OTHER + quantity, columns), *_counted(OTHER + quantity, columns, joints)]
     unique: dict[Names, Match] = {}
     for match in found:
         unique.setdefault(match.names, match)
@@ -188,7 +201,7 @@ def _plain(name: str) -> str:
 
 def _fixed(quantity: str, columns: Sequence[_Column]) -> Iterator[Match]:
     for tails in FIXED.get(quantity, ()):
-        alone = min(map(len, tails)) == 1 or quantity == "time"  # x, or t, is the end of too many names
+        alone = min(map(len, tails)) == 1 or quantity.endswith("time")  # x, or t, is the end of too many names
         for start, found in _sharing_a_start(columns, tails):
             if not (alone and start):
                 yield from _match(quantity, found, start)
@@ -203,7 +216,7 @@ def _counted(quantity: str, columns: Sequence[_Column], joints: Sequence[str] | 
                 groups.setdefault(named[1], {}).setdefault(int(named[2]), column)
         for start, group in groups.items():
             whole = sorted(group) in (list(range(len(group))), list(range(1, len(group) + 1)))
-            if whole and (len(group) == width if width else len(group) > 1):
+            if whole and not (start and stem in OF_JOINTS) and (len(group) == width if width else len(group) > 1):
                 axes = {"log.wrench_axes": "base"} if stem in IN_BASE_AXES else {}
                 yield from _match(quantity, [group[i] for i in sorted(group)], start, axes)
 
@@ -226,7 +239,7 @@ def _match(
     units: dict[str, set[str]] = {}
     for i, column in enumerate(columns):
         if column.unit:
-            dimension = DIMENSIONS.get(quantity, "force" if i < 3 else "torque")
+            dimension = DIMENSIONS.get(quantity.removeprefix(OTHER), "force" if i < 3 else "torque")
             key, words = UNITS[dimension]
             units.setdefault(key, set()).add(words.get(column.unit, ""))
     if COMMANDED.search(start) or any(len(values) > 1 for values in units.values()):

@@ -317,3 +317,45 @@ def test_a_table_without_names_says_how_to_name_them(tmp_path):
     assert "# t,fx,fy" in caught.value.remedy
     log.write_text("# t,fx,fy,fz,tx,ty,tz,r11,r12,r13,r21,r22,r23,r31,r32,r33\n" + rows)
     np.testing.assert_allclose(read_log(log, drafted(tmp_path, log)[0], raw=True).wrench, WRENCH)
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+@pytest.mark.parametrize("bracket", ["{}", "[{}]"])
+def test_units_in_the_second_line_are_those_of_the_columns(tmp_path, delimiter, bracket):
+    names = ["time", "state", *(f"q{i}" for i in SIX), "fx", "fy", "fz", "tx", "ty", "tz"]
+    units = ["ms", "-", *["deg"] * 6, *["N"] * 3, *["Nmm"] * 3]
+    rows = np.column_stack([T * 1e3, 0 * T, np.degrees(Q), WRENCH * ([1] * 3 + [1000] * 3)])
+    numbers = [[f"{x:.12g}" for x in row] for row in rows]
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join(map(delimiter.join, [names, [bracket.format(unit) for unit in units], *numbers])))
+    setup, _ = drafted(tmp_path, log, robot="ur5e")
+    assert (setup.log.time_unit, setup.log.angle_unit, setup.log.torque_unit) == ("ms", "deg", "Nmm")
+    read = read_log(log, setup, raw=True)
+    np.testing.assert_allclose(read.q, Q)
+    np.testing.assert_allclose(read.wrench, WRENCH)
+
+
+def test_words_in_the_second_line_are_no_units(tmp_path):
+    (tmp_path / "log.csv").write_text("t,q0,q1\nnull,null,null\n0,1,2\n")
+    with pytest.raises(LogError, match="line 2, column t: 'null' is not a number"):
+        look(str(tmp_path / "log.csv"))
+
+
+def test_time_of_other_names_is_taken_where_there_is_no_time():
+    assert [match.names for match in matches("time", ["elapsed_time [ms]", "q0"])] == [("elapsed_time [ms]",)]
+    assert matches("time", ["elapsed_time [ms]"])[0].facts == {"log.time_unit": "ms"}
+    assert [match.names for match in matches("time", ["elapsed_time", "Timestamp"])] == [("Timestamp",)]
+
+
+def test_other_names_of_joints_are_taken_where_there_are_no_usual_ones():
+    motors = [f"state.theta[{i}]" for i in SIX]  # of libfranka, beside q
+    assert [match.names[0] for match in matches("position", [*motors, *(f"state.q[{i}]" for i in SIX)])] == [
+        "state.q[0]"
+    ]
+    assert [match.names[0] for match in matches("position", motors)] == ["state.theta[0]"]
+    assert matches("velocity", [f"qdot{i} [deg/s]" for i in SIX])[0].facts == {"log.angle_unit": "deg"}
+
+
+def test_what_is_measured_of_a_joint_is_no_position():
+    assert [match.names[0] for match in matches("position", [f"J{i}" for i in range(1, 7)])] == ["J1"]
+    assert not matches("position", [f"torque_J{i}" for i in range(1, 7)])
