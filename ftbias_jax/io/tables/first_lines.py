@@ -13,10 +13,12 @@ LONGEST = 1 << 16
 """Characters of a header by which the delimiter is told, and of the lines after it by which cells are."""
 MAX_LINE = 1 << 20
 """Characters; the widest table of a robot has some thousand columns."""
+MOST_COMMENTS = 1000
 EPOCH, DAY = "1970-01-01", 86400.0
 """From which s are counted, and s."""
 NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*([eE][+-]?\d+)?|\.\d+([eE][+-]?\d+)?|nan|inf(inity)?)\s*", re.I | re.ASCII)
 
+_MARK = re.compile(r"\s*(#|//|% |sep=)")  # the last is Excel's
 _SEMICOLONS = str.maketrans({",": ".", ";": ","})
 _ENDS = re.compile(r"^#?[ \t]+|[ \t]+$", re.MULTILINE)
 _DATE = re.compile(
@@ -46,11 +48,12 @@ class Layout(NamedTuple):
 def read_layout(stream: TextIO, file: str) -> Layout:
     """The header is the first line that is no comment, or if that has numbers, a comment before it with as many cells.
 
-    Units of all columns may stand in the line after it. Columns without names are called 1, 2, 3, ...
+    A comment begins with a mark, or has a single cell. Units of all columns may stand in the line after the header.
+    Columns without names are called 1, 2, 3, ...
     """
     comments: list[str] = []
     line, number = _next_line(stream, file, 0)
-    while line.lstrip().startswith("#"):
+    while len(comments) < MOST_COMMENTS and _is_comment(line):
         comments.append(line)
         line, number = _next_line(stream, file, number)
     if line and not _has_numbers(line):
@@ -84,8 +87,12 @@ def _next_line(stream: TextIO, file: str, number: int) -> tuple[str, int]:
     return line, number
 
 
+def _is_comment(line: str) -> bool:
+    return bool(line) and (bool(_MARK.match(line)) or (len(_names(line)) == 1 and not _has_numbers(line)))
+
+
 def _names(line: str) -> list[str]:
-    line = line.strip().removeprefix("#")
+    line = _MARK.sub("", line.strip())
     return [name.strip() for name in next(csv.reader([_to_commas(line[:LONGEST])(line)]), [])]
 
 

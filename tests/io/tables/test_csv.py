@@ -183,9 +183,20 @@ def written(tmp_path, text, name="log.csv"):
     return tmp_path / name
 
 
+def test_a_file_of_comments_alone_is_not_read_to_its_end(tmp_path, setup):
+    fails(write(tmp_path, "\n".join(["0.1|0.2"] * 2000)), setup, "no columns for the", "the header has 0.1|0.2")
+
+
 def test_comments_may_come_first_whether_or_not_the_last_has_the_names(tmp_path, setup, plain):
     header, *rows = lines()
-    for before in ("# arm: left\n# 2 joints, 3 samples\n" + header, "# arm: left\n\n# " + header):
+    befores = [
+        "# arm: left\n# 2 joints, 3 samples\n",
+        "# arm: left\n\n# ",
+        "sep=,\n",
+        "recording\n\nleft\n",
+        "// a, b\n// ",
+    ]
+    for before in (f"{text}{header}" for text in befores):
         varied = read_log(write(tmp_path, "\n".join([before, *rows])), setup)
         for a, b in zip(plain, varied, strict=True):
             np.testing.assert_array_equal(a, b)
