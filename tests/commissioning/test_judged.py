@@ -80,6 +80,7 @@ def test_the_table_has_a_row_for_each_horizon_and_a_dash_for_what_is_not_known()
     assert rows[0][8:] == ("95 %", "100 %")
 
 
+@pytest.mark.slow
 def test_to_wait_until_a_lag_is_forgotten_costs_nothing():
     """What the sensor read before the log began is in its first readings, and a setup that says so is no worse."""
     lagging = replace(SETUP, effects={"low_pass": {"cutoff": 1.5}})

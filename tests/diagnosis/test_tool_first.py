@@ -60,6 +60,7 @@ def test_the_tool_of_a_draft_is_replaced_where_it_stands(diagnosis):
     assert "ftbias diagnose" in mended.comments["tool.mass"]
 
 
+@pytest.mark.slow
 def test_a_tool_that_is_stated_is_suspected_where_no_cause_explains_alone(lagging):
     stated = diagnose(with_tool(0.86, OFF), [lagging])
     assert {cause.effect for cause in stated.causes} == {"low_pass", "tool_mass", "tool_com"}

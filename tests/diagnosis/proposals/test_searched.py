@@ -107,7 +107,9 @@ PRESSED = Effect(
 )
 
 
-@pytest.mark.parametrize(("force", "begin"), [((0.0, 0.0, 1.5), 4.321), ((0.5, -0.4, 0.3), 17.7)])
+@pytest.mark.parametrize(
+    ("force", "begin"), [((0.0, 0.0, 1.5), 4.321), pytest.param((0.5, -0.4, 0.3), 17.7, marks=pytest.mark.slow)]
+)
 def test_an_own_effect_that_begins_at_a_time_is_found_wherever_that_is(force, begin):
     """In a log of the same shape as that of the hose."""
     made = simulate(

@@ -116,7 +116,8 @@ def test_and_its_slopes(params, samples, in_chunks):
     assert_all_close(chunked.joint.prior_std, whole.joint.prior_std, 1e-6)  # these cancel, and lose digits
 
 
-@pytest.mark.parametrize("part", [pytest.param("as stated", marks=pytest.mark.slow), ALL])
+@pytest.mark.slow
+@pytest.mark.parametrize("part", ["as stated", ALL])
 def test_many_logs_are_each_log(params, samples, part):
     """Under vmap a processor takes one log at a time; XLA once ended the process at its gradients."""
     logs = [samples, samples._replace(wrench=2 * samples.wrench), samples._replace(q=samples.q + 0.1)]

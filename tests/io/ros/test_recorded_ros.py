@@ -45,6 +45,7 @@ def test_a_ur10e_that_picks(folder, shared_data, capsys):
     assert np.abs(result["q"]).max() < 2 * np.pi
 
 
+@pytest.mark.slow
 def test_frames_of_tf_give_the_bias_that_the_joints_give(folder, shared_data):
     """The chain from base to tool0, with a static frame beside it, at 50 Hz instead of the joints' 500."""
     bag = str(shared_data / "real" / "ur10e_pick.bag")
