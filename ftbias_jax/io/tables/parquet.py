@@ -141,9 +141,9 @@ def cells_of(arrow: Any, table: Any, file: str) -> list[tuple[str, Cell]]:
             continue
         stated = _features(file) if stated is None else stated
         names = _entry_names(stated.get(column))
-        width = (
-            kind.list_size if arrow.types.is_fixed_size_list(kind) else len(names) or _first_length(table, column, file)
-        )
+        width = kind.list_size if arrow.types.is_fixed_size_list(kind) else len(names)
+        if not width and arrow.types.is_floating(kind.value_type):  # not the pixels of pictures
+            width = _first_length(table, column, file)
         if not 0 < width <= MOST_ENTRIES:
             cells.append((column, (column, None)))
             continue

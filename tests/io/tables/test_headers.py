@@ -239,9 +239,10 @@ def test_lists_that_are_shorter_than_said_are_an_error_of_ours(tmp_path):
 def test_lists_of_no_stated_length_have_that_of_the_first(tmp_path):
     """As pandas writes cells that are lists: some are missing, and pixels are not asked for."""
     q = [None, *Q.tolist()[1:]]
-    columns = {"time": T, "q": q, "ft": WRENCH.tolist(), "picture": [[i % 256] * (i % 3) for i in range(len(T))]}
+    columns = {"time": T, "q": q, "ft": WRENCH.tolist(), "picture": [[i % 256] * (1 + i % 3) for i in range(len(T))]}
     log = tmp_path / "log.parquet"
     parquet.write_table(arrow.table(columns), log)
+    assert "picture" in look(str(log)).header
     setup, _ = drafted(tmp_path, log, robot="ur5e")
     read = read_log(log, setup, raw=True)
     np.testing.assert_allclose(read.q[1:], Q[1:])
