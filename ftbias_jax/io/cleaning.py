@@ -179,9 +179,8 @@ def _survey(split: Split, joints_once: bool = False) -> Facts:
     missing = *missing_readings(STREAMS["wrench"], wrench_t, joint_t), *(one for one in of_joints if one.lost)
     glitches = Glitches(*map(np.concatenate, zip(*found, strict=True)))
     if len(glitches.breaks) * 2 * ASIDE > MOST_ASIDE * np.ptp(wrench_t if len(wrench_t) else np.zeros(1)):
-        glitches = glitches._replace(
-            breaks=np.zeros(0)
-        )  # who is elsewhere all the time may be one that moves like that
+        # An arm that is elsewhere all the time may be one that moves like that.
+        glitches = glitches._replace(breaks=np.zeros(0))
     return Facts(first_q, wrench_t, tuple(axes), helds, glitches, missing)
 
 

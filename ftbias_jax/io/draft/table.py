@@ -94,7 +94,7 @@ def look(path: str) -> Table:
     if suffix not in TABLES:
         raise unknown_format(path)
     of_arrays = _of_arrays(path, ARRAY_FILES[suffix](path, (*ARRAYS, *POSE_ARRAYS))) if suffix in ARRAY_FILES else None
-    if of_arrays and "wrench" in of_arrays.has and (of_arrays.joints or of_arrays.orientation):
+    if of_arrays and _halves(of_arrays) == 2:
         return of_arrays
     header: list[str] = []
     found: dict[str, Match] = {}
@@ -108,10 +108,12 @@ def look(path: str) -> Table:
         return {array: found[name].names if name in found else () for array, name in wanted.items()}
 
     of_columns = _of_columns(path, header, found, COLUMNS.get(suffix, array_columns)(path, choose))
-    if of_arrays is None:
-        return of_columns
-    parts = [(bool(x.joints or x.orientation), "wrench" in x.has) for x in (of_columns, of_arrays)]
-    return of_columns if parts[0] > parts[1] else of_arrays
+    return of_arrays if of_arrays and _halves(of_arrays) >= _halves(of_columns) else of_columns
+
+
+def _halves(table: Table) -> int:
+    """How much of a log it has: motion, a wrench, or both."""
+    return bool(table.joints or table.orientation) + ("wrench" in table.has)
 
 
 def likeliest(candidates: Sequence[Match]) -> Match | None:

@@ -47,18 +47,6 @@ def load_arrays(path: str | os.PathLike[str], wanted: Collection[str] | None = N
         return {name: _read(archive, member, name, file) for name, member in members.items()}
 
 
-def shapes_of_arrays(file: str) -> dict[str, tuple[int, ...]]:
-    """The shapes of all arrays of numbers in an NPZ file, by name."""
-    found: dict[str, tuple[int, ...]] = {}
-    with _opened(file) as archive:
-        for name, member in _members(archive).items():
-            with archive.open(member) as stream:
-                shape, _, dtype = _check_header(stream, member, name, file, objects=True)
-            if dtype.kind in "fiu":
-                found[name] = shape
-    return found
-
-
 class StoredArray(NamedTuple):
     """An array in a file, to be read in parts."""
 
@@ -67,16 +55,23 @@ class StoredArray(NamedTuple):
     """Rows at once -> the array from its first row on, in parts of that many rows; LogError if it is damaged."""
 
 
-def stored_arrays(path: str | os.PathLike[str], wanted: Set[str]) -> dict[str, StoredArray]:
-    """Those of the wanted arrays that an NPZ file has, without their numbers."""
+def stored_arrays(path: str | os.PathLike[str], wanted: Set[str] | None = None) -> dict[str, StoredArray]:
+    """Those of the wanted arrays that an NPZ file has, without their numbers; None = all arrays of numbers."""
     file, found = os.fspath(path), {}
     with _opened(file) as archive:
-        for name in wanted & _members(archive).keys():
-            member = _members(archive)[name]
+        for name, member in _members(archive).items():
+            if wanted is not None and name not in wanted:
+                continue
             with archive.open(member) as stream:
-                shape, *_ = _check_header(stream, member, name, file)
-            found[name] = StoredArray(shape, partial(_parts, file, name))
+                shape, _, dtype = _check_header(stream, member, name, file, objects=wanted is None)
+            if wanted is not None or dtype.kind in "fiu":
+                found[name] = StoredArray(shape, partial(_parts, file, name))
     return found
+
+
+def shapes_of_arrays(file: str) -> dict[str, tuple[int, ...]]:
+    """The shapes of all arrays of numbers in an NPZ file, by name."""
+    return {name: stored.shape for name, stored in stored_arrays(file).items()}
 
 
 def _parts(file: str, name: str, rows: int) -> Iterator[Array]:

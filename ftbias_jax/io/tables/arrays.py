@@ -31,9 +31,7 @@ QUANTITIES = {
     "temperature": ("temperature",),
 }
 """Key of [log.columns] -> the array that its columns are, and others that would be read in its place."""
-Reader = Callable[[str, Callable[[Sequence[str]], Columns]], dict[str, Array]]
-"""Reads the columns of a file that are chosen from its header."""
-COLUMNS: dict[str, Reader]
+COLUMNS: dict[str, Callable[[str, Callable[[Sequence[str]], Columns]], dict[str, Array]]]
 COLUMNS = {".csv": csv_columns, ".parquet": parquet_columns}
 """Suffix -> what reads the columns that are chosen from a header."""
 ARRAY_FILES: dict[str, Callable[[str, Sequence[str]], dict[str, Array]]]
@@ -176,40 +174,44 @@ def read_table(file: str, setup: Setup) -> Log:
 
 def native_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Array]:
     """The arrays of a log, or of static poses, by the names of the native format (``arrays.ARRAYS``)."""
-    suffix = suffix_of(file)
     quantities = ("position", "wrench", "temperature", *(() if static else ("velocity",)))
-    columns = as_columns(file, setup, quantities[:2])
-    if columns:
-        return columns(file, lambda header: choose_columns(header, quantities, setup, file, static))
-    arrays = ARRAY_FILES[suffix](file, (*wanted_arrays(setup), *(OURS if suffix == ".npz" else ())))
+    arrays, chosen = read_stored(file, setup, quantities, 2, static)
+    if chosen:
+        return arrays
     further = {} if static else named_columns(list(arrays), setup, file)
     native = arrays if arrays.keys() >= set(OURS) else by_native_names(arrays, setup, file)
     return native | {key: arrays[name] for key, (name,) in further.items()}
 
 
-def as_columns(file: str, setup: Setup, quantities: Sequence[str]) -> Reader | None:
-    """What reads a file as columns; None = it has arrays of the native names, or of [log.columns], or lacks something.
+def read_stored(
+    file: str, setup: Setup, quantities: Sequence[str], needed: int, static: bool = False
+) -> tuple[dict[str, Array], bool]:
+    """What a file has, and whether it is chosen from columns: else arrays as stored, of native names or [log.columns].
 
-    What it lacks is told in the words of the native names, unless it has none of them.
+    Arrays without the first ``needed`` of the quantities are columns, if that gives them; what is lacking is told in
+    the words of the native names, unless the file has none of them.
     """
-    suffix = suffix_of(file)
-    if suffix in COLUMNS:
-        return COLUMNS[suffix]
-    names = SHAPES[suffix](file).keys()
+
+    def choose(header: Sequence[str]) -> Columns:
+        return choose_columns(header, quantities, setup, file, static)
 
     def has(quantity: str) -> bool:
         stated = setup.log.columns.get(quantity, ())
         stated = (stated,) if isinstance(stated, str) else stated
-        return names >= set(stated) if stated else not names.isdisjoint(QUANTITIES[quantity])
+        return arrays.keys() >= set(stated) if stated else not arrays.keys().isdisjoint(QUANTITIES[quantity])
 
-    if names >= set(OURS) or all(map(has, quantities)):
-        return None
-    if not names.isdisjoint((*ARRAYS, *POSE_ARRAYS)):
+    suffix = suffix_of(file)
+    if suffix in COLUMNS:
+        return COLUMNS[suffix](file, choose), True
+    arrays = ARRAY_FILES[suffix](file, (*wanted_arrays(setup), *(OURS if suffix == ".npz" else ())))
+    if arrays.keys() >= set(OURS) or all(map(has, quantities[:needed])):
+        return arrays, False
+    if not arrays.keys().isdisjoint((*ARRAYS, *POSE_ARRAYS)):
         try:
-            choose_columns(list(_cells(file)), quantities, setup, file)
+            choose(list(_cells(file)))
         except LogError:
-            return None
-    return array_columns
+            return arrays, False
+    return array_columns(file, choose), True
 
 
 def array_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[str, Array]:

@@ -17,7 +17,7 @@ from ftbias_jax.io.ros.read import credible, parts_of
 from ftbias_jax.io.ros.record import SUFFIXES, is_ros, read_recording
 from ftbias_jax.io.stamps.clock import as_stamps, on_right_clock, put_in_order, rows_at_rate, stamps_of
 from ftbias_jax.io.tables import arrays as native
-from ftbias_jax.io.tables.columns import NAMES, choose_columns, named_columns
+from ftbias_jax.io.tables.columns import NAMES, named_columns
 from ftbias_jax.setup.keys import table as keys
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -82,13 +82,11 @@ def read_stream(
     """Stamps in order and arrays of one file by their native names; a recording may have several streams."""
     if is_ros(file):
         return _of_recording(file, quantities, setup, salvage)
-    suffix = native.suffix_of(file)
-    if suffix not in native.TABLES:
+    if native.suffix_of(file) not in native.TABLES:
         raise unknown_format(file)
-    if columns := native.as_columns(file, setup, quantities[:1]):
-        found = columns(file, lambda header: choose_columns(header, quantities, setup, file))
-    else:
-        found = _of_arrays(native.ARRAY_FILES[suffix](file, native.wanted_arrays(setup)), quantities, setup, file)
+    found, chosen = native.read_stored(file, setup, quantities, 1)
+    if not chosen:
+        found = _of_arrays(found, quantities, setup, file)
     counted = rows_at_rate(next(values for name, values in found.items() if name != "t"), setup.log)
     recorded = found.pop("t", None)
     t = stamps_of(recorded, setup.log) if counted is None else counted

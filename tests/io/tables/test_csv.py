@@ -14,8 +14,8 @@ HEADER = "t,q0,q1,dq0,dq1,fx,fy,fz,tx,ty,tz,temperature"
 LINE = "0.{i},1,2,3,4,5,6,7,8,9,10,25"
 
 
-def write(tmp_path, text):
-    path = tmp_path / "log.csv"
+def write(tmp_path, text, name="log.csv"):
+    path = tmp_path / name
     path.write_text(text, encoding="utf-8", newline="")
     return path
 
@@ -178,11 +178,6 @@ def test_files_that_are_no_csv_are_named(tmp_path, setup, content, what):
     fails(path, setup, what)
 
 
-def written(tmp_path, text, name="log.csv"):
-    (tmp_path / name).write_text(text)
-    return tmp_path / name
-
-
 def test_a_file_of_comments_alone_is_not_read_to_its_end(tmp_path, setup):
     fails(write(tmp_path, "\n".join(["0.1|0.2"] * 2000)), setup, "no columns for the", "the header has 0.1|0.2")
 
@@ -210,15 +205,15 @@ def test_columns_without_names_are_counted(tmp_path, make_setup, plain, suffix):
     columns = {"time": "1", "position": ["2", "3"], "velocity": ["4", "5"], "wrench": [*list("6789"), "10", "11"]}
     setup = make_setup(log={"columns": columns})
     rows = lines()[1:]
-    log = read_log(written(tmp_path, "\n".join(rows), f"log{suffix}"), setup)
+    log = read_log(write(tmp_path, "\n".join(rows), f"log{suffix}"), setup)
     np.testing.assert_array_equal(np.column_stack([log.t, log.q, log.dq, log.wrench]), [
         [t, *range(1, 11)] for t in (0, 0.1, 0.2)
     ])  # fmt: skip
-    spaces = read_log(written(tmp_path, "\n".join(row.replace(",", "  ") for row in rows), f"log{suffix}"), setup)
+    spaces = read_log(write(tmp_path, "\n".join(row.replace(",", "  ") for row in rows), f"log{suffix}"), setup)
     np.testing.assert_array_equal(spaces.wrench, log.wrench)
     counted = ",".join(map(str, range(12)))  # by pandas
     setup = make_setup(log={"columns": {key: _less(names) for key, names in columns.items()}})
-    np.testing.assert_array_equal(read_log(written(tmp_path, "\n".join([counted, *rows])), setup).wrench, log.wrench)
+    np.testing.assert_array_equal(read_log(write(tmp_path, "\n".join([counted, *rows])), setup).wrench, log.wrench)
 
 
 def _less(names):
