@@ -33,7 +33,8 @@ def unit_of(path):
 
 
 def source_files():
-    return sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
+    doors = {PACKAGE / "__init__.py", PACKAGE / "__main__.py"}
+    return sorted(path for path in PACKAGE.rglob("*.py") if path not in doors)
 
 
 def imported_names(nodes):

@@ -13,6 +13,7 @@ import jax
 import numpy as np
 import pytest
 
+from ftbias_jax import __version__
 from ftbias_jax.cli.commands.demo import TRUE_MASS
 from ftbias_jax.cli.main import main
 from ftbias_jax.errors import UsageError
@@ -98,6 +99,11 @@ def test_help_and_usage_errors_come_before_jax_and_numpy():
     assert lines[-1] == "set()"
     assert "Exit codes: 0 ok, 1 failed, 2 usage, 3 finished with data loss." in run.stdout
     assert "the following arguments are required: --setup, -o/--output" in run.stderr
+
+
+def test_the_package_runs_as_a_module():
+    words = [sys.executable, "-m", "ftbias_jax", "--version"]
+    assert subprocess.run(words, capture_output=True, text=True, check=True).stdout == f"ftbias {__version__}\n"
 
 
 def test_demo_writes_logs_setups_results_and_figures(demo):

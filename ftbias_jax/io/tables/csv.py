@@ -26,9 +26,8 @@ def csv_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[s
 
     The file is UTF-8 with cells separated by commas, semicolons, tabs or spaces; a line may have joints only, or a
     wrench only. Lines that begin with # may come first. Columns without names are called 1, 2, 3, ..., and entries of
-    cells that are lists, such as "[0.1, 0.2]", column/0, column/1, ...; dates become s since 1970 and
-    times of a day s since its midnight. Two columns of whole
-    s and of the ns beyond are one more, t.
+    cells that are lists, such as "[0.1, 0.2]", column/0, column/1, ...; dates become s since 1970 and times of a day s
+    since its midnight. Two columns of whole s and of the ns beyond are one more, t.
     """
     budget = Budget(file)
     try:

@@ -14,6 +14,10 @@ LONGEST = 1 << 16
 MAX_LINE = 1 << 20
 """Characters; the widest table of a robot has some thousand columns."""
 MOST_COMMENTS = 1000
+SOME = 2
+"""Fractions in a line, which therefore has no names."""
+STAMPED = ("sec", "nanosec", "frame_id")
+"""What the header of a message of ROS 2 has."""
 EPOCH, DAY = "1970-01-01", 86400.0
 """From which s are counted, and s."""
 NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*([eE][+-]?\d+)?|\.\d+([eE][+-]?\d+)?|nan|inf(inity)?)\s*", re.I | re.ASCII)
@@ -65,8 +69,8 @@ def read_layout(stream: TextIO, file: str) -> Layout:
     names = [_names(comment) for comment in reversed(comments)]  # numpy.savetxt marks its header as a comment
     if not line:
         return Layout(names[0] if names else [], str, False, False, number, "")
-    width = len(_cells(line))
-    header = next((found for found in names if len(found) == width), [str(i + 1) for i in range(width)])
+    cells = [cell.strip() for cell in _cells(line)]
+    header = next((found for found in names if len(found) == len(cells)), _of_message(cells))
     return _layout(header, line + stream.read(LONGEST), number, _to_commas_of_numbers(line))
 
 
@@ -136,10 +140,35 @@ def _cells(line: str) -> list[str]:
 
 
 def _has_numbers(line: str) -> bool:
-    """Whether a line has nothing but numbers, dates and lists, and does not count the columns, as pandas does."""
+    """Whether a line has no names: nothing but numbers, dates and lists, or some fractions beside words.
+
+    Numbers that count the columns, as pandas writes them, are names.
+    """
     cells = [cell for cell in _cells(line) if cell.strip()]
     counts = len(cells) > 1 and any(cells == [str(i + first) for i in range(len(cells))] for first in (0, 1))
-    return bool(cells) and not counts and all(map(NUMBER.fullmatch, cells))
+    numbers = [cell for cell in cells if NUMBER.fullmatch(cell)]
+    fractions = [number for number in numbers if "." in number]
+    return bool(cells) and not counts and (len(numbers) == len(cells) or len(fractions) >= SOME)
+
+
+def _of_message(cells: Sequence[str]) -> list[str]:
+    """Names of the columns of a line of numbers: 1, 2, 3, ..., or those of the message that it is.
+
+    ``ros2 topic echo --csv`` writes whole s, ns, the frame, and of a WrenchStamped six numbers, of a JointState the
+    names of the joints and their positions, velocities and efforts; a list without entries is one empty cell.
+    """
+    text = "".join("." if NUMBER.fullmatch(cell) else "w" if cell else "-" for cell in cells)
+    if re.fullmatch(r"\.\.[w-]\.{6}", text):
+        return [*STAMPED, *(f"{name}_{axis}" for name in ("force", "torque") for axis in "xyz")]
+    joints = cells[len(STAMPED) : len(STAMPED) + len(re.match(r"(?:..[w-])?(w*)", text)[1])]
+    each = rf"(\.{{{len(joints)}}}|-)"
+    lists = re.fullmatch(rf"\.\.[w-]w+{each * 3}", text) if joints else None
+    if lists is None:
+        return [str(i + 1) for i in range(len(cells))]
+    header = [*STAMPED, *(f"name_{i}" for i in range(len(joints)))]
+    for name, found in zip(("position", "velocity", "effort"), lists.groups(), strict=True):
+        header += [name] if found == "-" else [f"{name}_{joint}" for joint in joints]
+    return header
 
 
 def _layout(header: list[str], text: str, line_number: int, with_commas: Callable[[str], str]) -> Layout:

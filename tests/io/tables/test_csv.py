@@ -295,3 +295,30 @@ def test_seconds_and_nanoseconds_beside_each_other_are_stamps(tmp_path, setup, p
         np.testing.assert_array_equal(log.wrench, plain.wrench)
     header, *rows = lines(line="0.{i},7,8" + LINE[len("0.{i}") :], header="t,sec,nsec" + HEADER[1:])
     np.testing.assert_array_equal(read_log(write(tmp_path, "\n".join([header, *rows])), setup).t, plain.t)
+
+
+STAMP = "1600000000,{i}00000000"
+POSITIONS, VELOCITIES, WRENCH = "1.0,2.0", "3.0,4.0", "5.0,6.0,7.0,8.0,9.0,10.0"
+
+
+@pytest.mark.parametrize(
+    ("lists", "velocities"),
+    [(f"{POSITIONS},{VELOCITIES},0.0,0.0", True), (f"{POSITIONS},{VELOCITIES},", True), (f"{POSITIONS},,", False)],
+    ids=["all", "no efforts", "positions alone"],
+)
+def test_messages_of_ros_2_as_tables_have_the_names_of_their_fields(tmp_path, make_setup, plain, lists, velocities):
+    setup = make_setup(log={"files": {"position": "log_joints.csv", "wrench": "log.csv"}})
+    rows = [f"{STAMP},,base,elbow,{lists}".format(i=i) for i in range(3)]
+    write(tmp_path, "\n".join(rows), "log_joints.csv")
+    log = read_log(write(tmp_path, "\n".join(f"{STAMP},tool0,{WRENCH}".format(i=i) for i in range(3))), setup)
+    np.testing.assert_allclose(log.t, plain.t, atol=1e-6)
+    for name in ("q", "dq", "wrench") if velocities else ("q", "wrench"):
+        np.testing.assert_array_equal(getattr(log, name), getattr(plain, name))
+
+
+def test_a_line_of_numbers_and_words_is_no_header(tmp_path, make_setup, plain):
+    setup = make_setup(log={"columns": {"time": "1", "position": ["3", "4"], "wrench": [*list("56789"), "10"]}})
+    rows = [f"0.{i},moving,{POSITIONS},{WRENCH},ok" for i in range(3)]
+    log = read_log(write(tmp_path, "\n".join(rows)), setup)
+    for name in ("t", "q", "wrench"):
+        np.testing.assert_array_equal(getattr(log, name), getattr(plain, name))
