@@ -6,6 +6,7 @@ stays if the setup with it predicts the readings of the end better, 1 s and 10 s
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
@@ -16,7 +17,8 @@ from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
 from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.commissioning.drafted import as_uncertain, larger, loosened, with_loose_tool
 from ftbias_jax.commissioning.judged import Judged, baselines, compare, judge
-from ftbias_jax.commissioning.result import CALIBRATED, GIVEN, Calibrated, Step
+from ftbias_jax.commissioning.logs import longest, without_end
+from ftbias_jax.commissioning.result import CALIBRATED, GIVEN, Calibrated, Step, nothing_found
 from ftbias_jax.diagnosis.apply import with_causes
 from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead
@@ -54,6 +56,12 @@ class _Road(NamedTuple):
     names: Sequence[str]
     hold_out: float
     progress: Callable[[str], None]
+    worker: ThreadPoolExecutor
+    """For what is needed next if the step that is judged meanwhile is kept."""
+
+    def tool_ahead(self, setup: Setup) -> tuple[Setup, Future[IdentifyResult]]:
+        """Begin to identify the tool of a setup."""
+        return setup, self.worker.submit(identify_tool, setup, longest(self.begun), unchecked=True)
 
 
 class _State(NamedTuple):
@@ -69,6 +77,8 @@ class _State(NamedTuple):
     beside: Mapping[str, Array] = MappingProxyType({})
     """Standard errors of the tool beside the causes that were kept, by keys of [tool]: what is identified with these
     causes as they were found is as uncertain as they are."""
+    ahead: tuple[Setup, Future[IdentifyResult]] | None = None
+    """A setup, and the tool that is being identified with it."""
 
     @property
     def unmoved(self) -> ToolSetup | None:
@@ -122,29 +132,10 @@ def calibrate(
     whole = [clean(log) for log in logs]
     require_right(setup, whole, "calibrate", unchecked)
     names = names or [f"log {i}" for i in range(1, len(logs) + 1)]
-    begun = [_without_end(log, hold_out) for log in logs]
-    road = _Road(whole, begun, names, hold_out, progress)
+    begun = [without_end(log, hold_out) for log in logs]
     start = with_loose_tool(setup)
-    has_tool = setup.sensor.compensated == COMPENSATED[0]
-    with compiled_ahead(start, begun):
-        progress("filtering with the setup as given")
-        given = start if setup.tool.unknown else setup
-        state = first = _State(start, judge(given, whole, hold_out), ())
-        if has_tool and start.tool is not setup.tool:
-            # Crosstalk or a term would otherwise stand for what a wrong tool does.
-            state = _with_tool(state, road, (FIRST,))
-    identified = None
-    for number in range(ROUNDS):
-        before = state.setup
-        state = _with_causes(state, road)
-        if state.setup is identified:  # nothing has changed since the tool was looked for
-            break
-        if has_tool:
-            state = _with_tool(state, road, (TOOL,) if number else (TOOL, CHANNELS))
-        identified = state.setup
-        state = _with_noise(state, road)
-        if state.setup is before:
-            break
+    with ThreadPoolExecutor(1) as worker:
+        first, state = _walked(_Road(whole, begun, names, hold_out, progress, worker), setup, start)
     if state.unmoved is not None:
         state = state._replace(setup=as_uncertain(replace(state.setup, tool=state.unmoved), state.beside))
     progress("comparing with a constant bias")
@@ -158,16 +149,37 @@ def calibrate(
             final = repeated
     if bias:
         progress("taking the bias of the longest log")
-        found = identify_tool(final, _longest(logs), bias=True, unchecked=True)
+        found = identify_tool(final, longest(logs), bias=True, unchecked=True)
         final = replace(final, bias=found.setup.bias)
     repairs = tuple(log.repairs for log in whole)
     return Calibrated(final, state.steps, rows, state.found, repairs, time.monotonic() - begin)
 
 
-def _without_end(log: Log, hold_out: float) -> Log:
-    """A log whose sensor reads nothing in its last part: of the same length, so that both share their programs."""
-    seen = np.arange(len(log.t)) < max(1, round((1 - hold_out) * len(log.t)))
-    return log._replace(wrench=np.where(seen[:, None], log.wrench, np.nan))
+def _walked(road: _Road, setup: Setup, start: Setup) -> tuple[_State, _State]:
+    """The beginning of the road, from a setup whose tool may be loosened for a start, and its end."""
+    has_tool = setup.sensor.compensated == COMPENSATED[0]
+    with compiled_ahead(start, road.begun):
+        road.progress("filtering with the setup as given")
+        # Crosstalk or a term would otherwise stand for what a wrong tool does.
+        tool_first = has_tool and start.tool is not setup.tool
+        ahead = road.tool_ahead(start) if tool_first else None
+        judged = judge(start if setup.tool.unknown else setup, road.whole, road.hold_out)
+        state = first = _State(start, judged, (), ahead=ahead)
+        if tool_first:
+            state = _with_tool(state, road, (FIRST,))
+    identified = None
+    for number in range(ROUNDS):
+        before = state.setup
+        state = _with_causes(state, road)
+        if state.setup is identified:  # nothing has changed since the tool was looked for
+            break
+        if has_tool:
+            state = _with_tool(state, road, (TOOL,) if number else (TOOL, CHANNELS))
+        identified = state.setup
+        state = _with_noise(state, road)
+        if state.setup is before:
+            break
+    return first, state
 
 
 def _with_causes(state: _State, road: _Road) -> _State:
@@ -186,7 +198,8 @@ def _with_causes(state: _State, road: _Road) -> _State:
     ):
         if parts:
             step = Step(kind, f"{kind[:-1]}: {', '.join(named)}", True, "", tuple(parts))
-            state = _tried(state, road, step, with_causes(state.setup, found.causes, terms))
+            setup = with_causes(state.setup, found.causes, terms)
+            state = _tried(state._replace(ahead=road.tool_ahead(setup)), road, step, setup)
             if state.steps[-1].kept:
                 state = state._replace(beside=larger(state.beside, found.tool_stderr))
     return state
@@ -194,15 +207,18 @@ def _with_causes(state: _State, road: _Road) -> _State:
 
 def _with_tool(state: _State, road: _Road, kinds: Sequence[str]) -> _State:
     """With the tool that the longest log shows, or that and gains and crosstalk, if they predict better."""
-    log = _longest(road.begun)
+    log = longest(road.begun)
     for kind in kinds:
         crosstalk = kind == CHANNELS
         road.progress(f"identifying {kind}")
         try:
-            found = identify_tool(state.setup, log, crosstalk=crosstalk, unchecked=True)
+            if state.ahead is not None and state.ahead[0] is state.setup and not crosstalk:
+                found = state.ahead[1].result()
+            else:
+                found = identify_tool(state.setup, log, crosstalk=crosstalk, unchecked=True)
         except FtbiasError as error:
             return _refused(state, kind, kind, str(error))
-        if why := _nothing_found(found, crosstalk):
+        if why := nothing_found(found, crosstalk):
             state = _refused(state, kind, kind, why)
             continue
         # A drafted tool is nobody's belief: what is identified replaces it unless it predicts worse.
@@ -242,15 +258,6 @@ def _with_noise(state: _State, road: _Road) -> _State:
     return tried
 
 
-def _nothing_found(found: IdentifyResult, crosstalk: bool) -> str:
-    """Why there is nothing to try; "" = there is."""
-    if not found.converged:
-        return "the search did not converge"
-    if crosstalk and (found.channels is None or not found.channels.shown):
-        return "this log does not show any"
-    return "this motion determines nothing of the tool" if all(found.tool.remarks) else ""
-
-
 def _tried(state: _State, road: _Road, step: Step, setup: Setup, unless_worse: bool = False) -> _State:
     """The state with a setup that was tried, if it is kept; and with what became of the step in any case."""
     try:
@@ -274,7 +281,7 @@ def _repeated(state: _State, start: Setup, logs: Sequence[Log], names: Sequence[
     try:
         for step, later in zip(kept, [*(step.kind for step in kept[1:]), ""], strict=True):
             if step.kind in (FIRST, TOOL, CHANNELS):
-                found = identify_tool(setup, _longest(logs), crosstalk=step.kind == CHANNELS, unchecked=True).setup
+                found = identify_tool(setup, longest(logs), crosstalk=step.kind == CHANNELS, unchecked=True).setup
                 setup = loosened(found, setup) if step.kind == FIRST else as_uncertain(found, beside)
             elif step.kind == NOISE:
                 setup = replace(setup, pose=state.setup.pose)
@@ -290,7 +297,3 @@ def _repeated(state: _State, start: Setup, logs: Sequence[Log], names: Sequence[
     if state.unmoved is not None:
         setup = as_uncertain(replace(setup, tool=found.tool), beside)
     return setup if {*setup.effects} == {*state.setup.effects} else None
-
-
-def _longest(logs: Sequence[Log]) -> Log:
-    return clean(max(logs, key=lambda log: float(log.t[-1] - log.t[0])))

@@ -170,3 +170,12 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
         "  ".join((name.ljust(first), *(cell.rjust(w) for cell, w in zip(cells, rest, strict=True)))).rstrip()
         for name, *cells in rows
     ]
+
+
+def nothing_found(found: IdentifyResult, crosstalk: bool) -> str:
+    """Why there is nothing to try; "" = there is."""
+    if not found.converged:
+        return "the search did not converge"
+    if crosstalk and (found.channels is None or not found.channels.shown):
+        return "this log does not show any"
+    return "this motion determines nothing of the tool" if all(found.tool.remarks) else ""

@@ -160,7 +160,8 @@ def _of_message(cells: Sequence[str]) -> list[str]:
     text = "".join("." if NUMBER.fullmatch(cell) else "w" if cell else "-" for cell in cells)
     if re.fullmatch(r"\.\.[w-]\.{6}", text):
         return [*STAMPED, *(f"{name}_{axis}" for name in ("force", "torque") for axis in "xyz")]
-    joints = cells[len(STAMPED) : len(STAMPED) + len(re.match(r"(?:..[w-])?(w*)", text)[1])]
+    after = text[len(STAMPED) :]
+    joints = cells[len(STAMPED) : len(text) - len(after.lstrip("w"))]
     each = rf"(\.{{{len(joints)}}}|-)"
     lists = re.fullmatch(rf"\.\.[w-]w+{each * 3}", text) if joints else None
     if lists is None:
