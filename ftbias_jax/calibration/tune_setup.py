@@ -30,7 +30,7 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import params_for_log
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import arrays_from_log
-from ftbias_jax.io.log import Log
+from ftbias_jax.io.log import Log, as_list
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.runtime.jax_config import in_float64
@@ -98,7 +98,7 @@ def tune(
         SetupError: a further setup differs in more than its tool and the prior of its bias; or a setup is wrong, as its
             logs show. LogError: the logs are in units or frames that no setup states.
     """
-    setup = setup.with_effects(effects)
+    setup, logs = setup.with_effects(effects), as_list(logs)
     others = [(other.with_effects(effects), their_logs) for other, their_logs in others]
     tools = [(setup, logs), *others]
     _check(tools, fit, tie, data_noise, hold_out, total)

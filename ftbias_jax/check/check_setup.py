@@ -21,7 +21,7 @@ from ftbias_jax.check.state import FEWEST, Case, State, case_of_bins, stated
 from ftbias_jax.check.undetermined import all_undetermined, undetermined
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.io import read_motion
-from ftbias_jax.io.log import Log
+from ftbias_jax.io.log import Log, as_list
 from ftbias_jax.io.remote import from_anywhere
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup.types import Setup
@@ -61,6 +61,7 @@ def check_setup(setup: Setup, logs: Sequence[Source], *, executor: Executor | No
     Raises:
         UsageError: there is no log, or logs of motion and static poses are mixed. LogError: one cannot be read.
     """
+    logs = as_list(logs)
     if not logs:
         raise UsageError("there is no log to check", field="logs", remedy="give at least one")
     alone = [_read(logs[0], setup)] if len(logs) == 1 else []

@@ -25,7 +25,7 @@ from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead
 from ftbias_jax.diagnosis.result import Diagnosis
 from ftbias_jax.errors import FtbiasError, UsageError
 from ftbias_jax.io.cleaning import clean
-from ftbias_jax.io.log import Log
+from ftbias_jax.io.log import Log, as_list
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.model.own_effects import catalogue_of_setup
@@ -123,7 +123,7 @@ def calibrate(
         UsageError: no log, or an impossible share. SetupError, LogError: the logs show a mistake of units, signs or
             frames, or cannot be filtered.
     """
-    begin = time.monotonic()
+    begin, logs = time.monotonic(), as_list(logs)
     if not logs:
         raise UsageError("there is no log to calibrate with", field="logs", remedy="give at least one")
     if not 0.1 <= hold_out <= 0.9:

@@ -31,7 +31,7 @@ from ftbias_jax.diagnosis.tool_first import Searched, no_surer, search_causes, s
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering.quality.at_rest import rest_in_words, weight_in_bias
 from ftbias_jax.io.cleaning import Facts, clean, slices, survey, without_long_pauses
-from ftbias_jax.io.log import Log
+from ftbias_jax.io.log import Log, as_list
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.model.effects.catalogue import check_names
 from ftbias_jax.model.effects.fitting import GROWTH, LEVEL
@@ -101,6 +101,7 @@ def explain(
     Raises:
         UsageError and others: as of ``diagnose``.
     """
+    logs = as_list(logs)
     names = names or [f"log {i}" for i in range(1, len(logs) + 1)]
     if not logs or len(names) != len(logs):
         message = f"got {len(logs)} logs and {len(names)} names"

@@ -191,7 +191,7 @@ def slices(*logs: Log) -> Split:
         UsageError: one is no log of motion.
     """
     if others := [type(log).__name__ for log in logs if not isinstance(log, Log)]:
-        remedy = "give logs of motion; of static poses see ft.identify_tool"
+        remedy = "give logs of motion, as ft.read_log reads them; of static poses see ft.identify_tool"
         raise UsageError(f"got {others[0]}", field="logs", remedy=remedy)
 
     def split(size: int) -> Iterator[Log]:

@@ -16,7 +16,7 @@ from ftbias_jax.diagnosis.regression.fit import base, fit
 
 @pytest.mark.slow
 def test_a_log_of_the_model_has_no_cause(setup, record):
-    diagnosis = diagnose(setup, [record(None)], ["plain"])
+    diagnosis = diagnose(setup, record(None), ["plain"])  # alone, as a list of one
     assert diagnosis.verdict == "none"
     assert diagnosis.causes == ()
     assert diagnosis.gap.before_sigmas < 1.01

@@ -1,11 +1,15 @@
 """Logs from arrays in memory are those that would be read from a file with the same arrays."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from stated import pose_setup
 
+from ftbias_jax.check.check_setup import check_setup
 from ftbias_jax.io import read_log
-from ftbias_jax.io.log import Log
+from ftbias_jax.io.log import Log, as_list
+from ftbias_jax.io.tables.poses import Poses
 
 T = 600
 
@@ -43,3 +47,13 @@ def test_a_pose_stands_in_for_the_joints(tmp_path):
     np.savez(tmp_path / "log.npz", t=given["t"], orientation=turns, wrench=given["wrench"])
     log = Log.from_arrays(setup, given["t"], None, given["wrench"], orientation=turns)
     assert_same(log, read_log(tmp_path / "log.npz", setup))
+
+
+def test_a_log_or_path_alone_is_a_list_of_one(setup):
+    log = Log.from_arrays(setup, *arrays().values())
+    poses = Poses(np.zeros(1), False, np.zeros((1, 7)), np.zeros((1, 6)))
+    for alone in (log, poses, "log.npz", Path("log.npz")):
+        assert as_list(alone) == [alone]
+        assert as_list([alone]) == [alone]
+        assert as_list((alone, alone)) == (alone, alone)
+    assert str(check_setup(setup, log)) == str(check_setup(setup, [log]))
