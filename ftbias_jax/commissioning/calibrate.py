@@ -52,16 +52,17 @@ class _Road(NamedTuple):
 
     whole: Sequence[Log]
     begun: Sequence[Log]
-    """The logs without their ends: what is tried is found in these."""
+    """The logs without their ends: what is tried is found in these, the tool in the longest."""
     names: Sequence[str]
     hold_out: float
     progress: Callable[[str], None]
+    longest: Log
     worker: ThreadPoolExecutor
     """For what is needed next if the step that is judged meanwhile is kept."""
 
     def tool_ahead(self, setup: Setup) -> tuple[Setup, Future[IdentifyResult]]:
         """Begin to identify the tool of a setup."""
-        return setup, self.worker.submit(identify_tool, setup, longest(self.begun), unchecked=True)
+        return setup, self.worker.submit(identify_tool, setup, self.longest, unchecked=True)
 
 
 class _State(NamedTuple):
@@ -135,7 +136,7 @@ def calibrate(
     begun = [without_end(log, hold_out) for log in logs]
     start = with_loose_tool(setup)
     with ThreadPoolExecutor(1) as worker:
-        first, state = _walked(_Road(whole, begun, names, hold_out, progress, worker), setup, start)
+        first, state = _walked(_Road(whole, begun, names, hold_out, progress, longest(begun), worker), setup, start)
     if state.unmoved is not None:
         state = state._replace(setup=as_uncertain(replace(state.setup, tool=state.unmoved), state.beside))
     progress("comparing with a constant bias")
@@ -199,15 +200,15 @@ def _with_causes(state: _State, road: _Road) -> _State:
         if parts:
             step = Step(kind, f"{kind[:-1]}: {', '.join(named)}", True, "", tuple(parts))
             setup = with_causes(state.setup, found.causes, terms)
-            state = _tried(state._replace(ahead=road.tool_ahead(setup)), road, step, setup)
+            ahead = road.tool_ahead(setup)
+            state = _tried(state, road, step, setup)
             if state.steps[-1].kept:
-                state = state._replace(beside=larger(state.beside, found.tool_stderr))
+                state = state._replace(beside=larger(state.beside, found.tool_stderr), ahead=ahead)
     return state
 
 
 def _with_tool(state: _State, road: _Road, kinds: Sequence[str]) -> _State:
     """With the tool that the longest log shows, or that and gains and crosstalk, if they predict better."""
-    log = longest(road.begun)
     for kind in kinds:
         crosstalk = kind == CHANNELS
         road.progress(f"identifying {kind}")
@@ -215,7 +216,7 @@ def _with_tool(state: _State, road: _Road, kinds: Sequence[str]) -> _State:
             if state.ahead is not None and state.ahead[0] is state.setup and not crosstalk:
                 found = state.ahead[1].result()
             else:
-                found = identify_tool(state.setup, log, crosstalk=crosstalk, unchecked=True)
+                found = identify_tool(state.setup, road.longest, crosstalk=crosstalk, unchecked=True)
         except FtbiasError as error:
             return _refused(state, kind, kind, str(error))
         if why := nothing_found(found, crosstalk):

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from typing import NamedTuple, TextIO
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.tables.headers import UNITS
+from ftbias_jax.io.tables.headers import FORCES, TORQUES, UNITS
 
 LONGEST = 1 << 16
 """Characters of a header by which the delimiter is told, and of the lines after it by which cells are."""
@@ -159,11 +159,10 @@ def _of_message(cells: Sequence[str]) -> list[str]:
     """
     text = "".join("." if NUMBER.fullmatch(cell) else "w" if cell else "-" for cell in cells)
     if re.fullmatch(r"\.\.[w-]\.{6}", text):
-        return [*STAMPED, *(f"{name}_{axis}" for name in ("force", "torque") for axis in "xyz")]
-    after = text[len(STAMPED) :]
-    joints = cells[len(STAMPED) : len(text) - len(after.lstrip("w"))]
-    each = rf"(\.{{{len(joints)}}}|-)"
-    lists = re.fullmatch(rf"\.\.[w-]w+{each * 3}", text) if joints else None
+        return [*STAMPED, *FORCES, *TORQUES]
+    named = re.match(r"\.\.[w-](w+)", text)
+    joints = cells[slice(*named.span(1))] if named else []
+    lists = re.fullmatch(3 * rf"(\.{{{len(joints)}}}|-)", text[named.end() :]) if named else None
     if lists is None:
         return [str(i + 1) for i in range(len(cells))]
     header = [*STAMPED, *(f"name_{i}" for i in range(len(joints)))]
