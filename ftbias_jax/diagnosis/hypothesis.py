@@ -8,7 +8,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.coordinates import can_move, is_moment, to_coordinates
-from ftbias_jax.diagnosis.thresholds import NATS_PER_DEGREE
+from ftbias_jax.diagnosis.thresholds import NATS_PER_DEGREE, PRIOR_STD
 from ftbias_jax.model.effects.fitting import SUDDEN, Starts
 from ftbias_jax.model.effects.types import Effect
 
@@ -70,6 +70,8 @@ class Hypothesis(NamedTuple):
     """What an offset is of, or what the series stand for."""
     local: bool = False
     """Whether it acts for a short time only."""
+    prior_std: float = PRIOR_STD
+    """Typical departures: of the coordinates a priori."""
     group: int = 0
     """Of the starting points of one effect, the best one of every group is fitted."""
 

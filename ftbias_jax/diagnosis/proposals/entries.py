@@ -1,7 +1,8 @@
 """The whole matrix of leaks between channels, once it is named by the few entries that explain most.
 
 Entries look alike on a log that loads few combinations of axes, and a search for few of them takes one for another. So
-what is reported of the matrix is its posterior: all entries together, each small a priori.
+what is reported of the matrix is its posterior: all entries together, each small a priori. Where that is not worth its
+numbers the few are reported, as uncertain as all of them are together.
 """
 
 from typing import NamedTuple
@@ -10,11 +11,9 @@ import numpy as np
 
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, movable, search_of
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.design_matrix import change, information, products, scores
-from ftbias_jax.diagnosis.regression.evaluate import readings, slopes, whitened
-from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, CLOSE, ENTRY_STD, LIKE_A_ROTATION, PRIOR_STD
-from ftbias_jax.filtering.innovation_regression import widened_inverse
+from ftbias_jax.diagnosis.regression.evaluate import readings, whitened
+from ftbias_jax.diagnosis.regression.fit import Fit, covariance, fit, undamped
+from ftbias_jax.diagnosis.thresholds import CLOSE, ENTRY_STD, LIKE_A_ROTATION, NATS_PER_DEGREE
 from ftbias_jax.model.effects.fitting import Entries
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.setup.rotations import skew
@@ -26,21 +25,24 @@ ARMS = np.kron([[[0, 0], [1, 0]]], skew(np.eye(3)))
 
 
 class Whole(NamedTuple):
-    """A fit with all entries of a matrix free. F = its coordinates."""
+    """A fit with all E entries of a matrix that have a scale free, each small a priori. F = its coordinates."""
 
-    z: np.ndarray
-    """(P,) coordinates of ``Problem.layout``."""
+    fit: Fit
     matrix: Hypothesis
-    """With all E entries that have a scale."""
-    free: tuple[int, ...]
-    """(F,) places in z of what is free."""
     covariance: np.ndarray
     """(F, F)."""
+    earned: bool
+    """Whether the entries beside the few are worth their numbers."""
 
     def spread(self, h: Hypothesis) -> np.ndarray:
         """Covariance of the coordinates of one hypothesis."""
-        own = [self.free.index(i) for i in h.free]
+        own = [self.fit.free.index(i) for i in h.free]
         return self.covariance[np.ix_(own, own)]
+
+
+def entries_of(problem: Problem, found: Fit) -> Hypothesis | None:
+    """What has few entries of a matrix in a fit, if anything has."""
+    return next((h for h in found.hypotheses if isinstance(problem.catalogue[h.effect].fit.search, Entries)), None)
 
 
 def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> Whole:
@@ -50,21 +52,16 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> Whole:
     that leaks are small, and both are the less certain for it.
     """
     entries = movable(problem, problem.catalogue[few.effect])
-    further = [i for i in entries if i not in few.free]
-    free = (*found.free, *further)
-    beside = whitened(problem, slopes(problem, found.z, further))
-    columns = found.columns._replace(moving=np.concatenate([found.columns.moving, beside]))
-    rows = [free.index(i) for i in entries]
-    precision = information(columns).matrix()
-    precision[rows, rows] += ENTRY_STD**-2 - PRIOR_STD**-2
-    pull = products(columns, found.error[None])[0]
-    pull[rows] += found.z[entries] / ENTRY_STD**2
-    step = -np.linalg.solve(precision, pull)
-    z = found.z.copy()
-    z[list(free)] += step[: len(free)]
-    by_block = scores(columns, found.error + change(columns, step), problem.block(BLOCK_SECONDS))
-    spread = widened_inverse(by_block, precision)[: len(free), : len(free)]
-    return Whole(z, few._replace(free=tuple(entries), start=tuple(z[entries].tolist())), free, spread)
+    matrix = few._replace(free=tuple(entries), prior_std=ENTRY_STD)
+    hypotheses = tuple(matrix if h is few else h for h in found.hypotheses)
+    # A step that may miss comes first: products of leaks and a lever arm make the way narrow for shorter ones.
+    z = undamped(problem, hypotheses, found)
+    whole = fit(problem, tuple(h if h.shapes else h._replace(start=tuple(z[list(h.free)])) for h in hypotheses), found)
+    before, after = (
+        (one.z[entries] ** 2).sum() / (2 * ENTRY_STD**2) - one.log_likelihood + NATS_PER_DEGREE * one.degrees
+        for one in (found, whole)
+    )
+    return Whole(whole, matrix, covariance(problem, whole), bool(after < before))
 
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
@@ -76,7 +73,7 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     beside = [p for other in found.hypotheses for p in problem.catalogue[other.effect].parameters]
     of_entry = size_of_entries(problem.catalogue[h.effect])
     leaks = np.zeros((6, 6))
-    leaks[of_entry > 0] = whole.z[list(whole.matrix.free)]
+    leaks[of_entry > 0] = whole.fit.z[list(whole.matrix.free)]
     told = leaks * of_entry, of_entry, np.linalg.pinv(whole.spread(whole.matrix))
     rotation, share = nearest(ROTATIONS, *told)
     if share > LIKE_A_ROTATION and not any(p.unit == "rad" for p in beside):

@@ -83,14 +83,15 @@ class Information(NamedTuple):
         return whole
 
 
-def information(columns: Columns, coordinates: int | None = None) -> Information:
-    """What the data say of all numbers, with the prior of the first so many ``coordinates``; None = of all."""
+def information(columns: Columns, prior_std: np.ndarray | None = None) -> Information:
+    """What the data say of all numbers, with the prior of the first coordinates; None = PRIOR_STD for all of them."""
     own, by_channel, F = _flat(columns.moving), channels_first(columns.series), len(columns.moving)
     transposed = by_channel.transpose(0, 2, 1)
     moving, series = own @ own.T, by_channel @ transposed
     trace = np.trace(moving) + np.trace(series, axis1=1, axis2=2).sum()
     ridge = RIDGE * max(float(trace) / max(columns.size, 1), 1e-12)
-    prior = np.where(np.arange(F) < (F if coordinates is None else coordinates), PRIOR_STD**-2, 0)
+    prior = np.zeros(F)
+    prior[: None if prior_std is None else len(prior_std)] = PRIOR_STD**-2 if prior_std is None else prior_std**-2
     return Information(
         moving + np.diag(prior + ridge),
         channels_first(columns.moving) @ transposed,

@@ -17,7 +17,7 @@ from ftbias_jax.diagnosis.regression.design_matrix import (
     step_and_gain,
 )
 from ftbias_jax.diagnosis.regression.evaluate import measured, readings, slopes, whitened, whitened_series
-from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, PRIOR_STD
+from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS
 from ftbias_jax.filtering.innovation_regression import widened_inverse
 
 MOST_ITERATIONS = 12
@@ -79,6 +79,7 @@ def fit(
         if id(h) in there:
             z[list(h.free)] = start.z[list(h.free)]
     free = tuple(dict.fromkeys(i for h in hypotheses for i in h.free))
+    prior_std = _prior_std(hypotheses, free)
     series = _series(problem, hypotheses, start)
     project = projection(series)
     if np.array_equal(z, start.z):  # the model is as it was: no need to evaluate it
@@ -86,15 +87,16 @@ def fit(
     else:
         error = _errors(problem, z[None])[0]
     (coefficients,), (error,) = project(error[None])
-    cost = _cost(error, z, free)
+    cost = _cost(error, z[list(free)], prior_std)
     first, moving, bounds = cost, None, (problem.layout.least, problem.layout.most)
     for _ in range(most if free and np.isfinite(cost) else 0):
         moving = whitened(problem, slopes(problem, z, free))
         columns = project(moving)[1]
         trials = np.repeat(z[None], len(DAMPINGS), 0)
-        trials[:, list(free)] = _trials(columns, error, z[list(free)], *(bound[list(free)] for bound in bounds))
+        least, most_of = (bound[list(free)] for bound in bounds)
+        trials[:, list(free)] = _trials(columns, error, z[list(free)], prior_std, least, most_of)
         solved, errors = project(_errors(problem, trials))
-        costs = [_cost(e, trial, free) for e, trial in zip(errors, trials, strict=True)]
+        costs = [_cost(e, trial[list(free)], prior_std) for e, trial in zip(errors, trials, strict=True)]
         best = int(np.argmin(costs))
         gained = cost - costs[best]
         if gained > 0:
@@ -113,6 +115,18 @@ def first_order(accepted: Fit, h: Hypothesis, columns: np.ndarray) -> Fit:
     hypotheses, free = (*accepted.hypotheses, h), (*accepted.free, *h.free)
     start = accepted._replace(hypotheses=hypotheses, z=h.begin(accepted.z), free=free)
     return stepped(start, whole, accepted.error)[0]
+
+
+def undamped(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit) -> np.ndarray:
+    """(P,) coordinates one whole step from those of a fit, beside the series that it has."""
+    free = tuple(dict.fromkeys(i for h in hypotheses for i in h.free))
+    own, prior_std = list(free), _prior_std(hypotheses, free)
+    columns = start.columns._replace(moving=whitened(problem, slopes(problem, start.z, free)))
+    pull = products(columns, start.error[None])[0]
+    pull[: len(free)] += start.z[own] / prior_std**2
+    z = start.z.copy()
+    z[own] -= information(columns, prior_std).solve(pull[:, None])[: len(free), 0]
+    return np.clip(z, problem.layout.least, problem.layout.most)
 
 
 def stepped(start: Fit, columns: Columns, error: np.ndarray) -> tuple[Fit, float]:
@@ -165,20 +179,28 @@ def _log_likelihood(error: np.ndarray) -> float:
     return -float((error**2).sum()) / 2 if np.isfinite(error).all() else -np.inf
 
 
-def _cost(error: np.ndarray, z: np.ndarray, free: tuple[int, ...]) -> float:
-    return -_log_likelihood(error) + float((z[list(free)] ** 2).sum()) / (2 * PRIOR_STD**2)
+def _prior_std(hypotheses: tuple[Hypothesis, ...], free: tuple[int, ...]) -> np.ndarray:
+    """(F,) of the free coordinates, in typical departures."""
+    of_place = {i: h.prior_std for h in hypotheses for i in h.free}
+    return np.array([of_place[i] for i in free])
 
 
-def _trials(columns: np.ndarray, error: np.ndarray, at: np.ndarray, least: np.ndarray, most: np.ndarray) -> np.ndarray:
+def _cost(error: np.ndarray, at: np.ndarray, prior_std: np.ndarray) -> float:
+    return -_log_likelihood(error) + float(((at / prior_std) ** 2).sum()) / 2
+
+
+def _trials(
+    columns: np.ndarray, error: np.ndarray, at: np.ndarray, prior_std: np.ndarray, least: np.ndarray, most: np.ndarray
+) -> np.ndarray:
     """(len(DAMPINGS), F) next values of the coordinates ``at`` (F,), none of them outside its bounds.
 
     The derivatives (F, U, 6) are those without what the series can do.
     """
     flat = columns.reshape(len(columns), -1)
-    pull = flat @ error.ravel() + at / PRIOR_STD**2
+    pull = flat @ error.ravel() + at / prior_std**2
     # What is at a bound and would leave it stays, or else the others would move as if it did.
     able = np.where(pull > 0, at > least, at < most)
-    normal = (flat @ flat.T + np.eye(len(at)) / PRIOR_STD**2)[np.ix_(able, able)]
+    normal = (flat @ flat.T + np.diag(prior_std**-2))[np.ix_(able, able)]
     trials: np.ndarray = np.repeat(at[None], len(DAMPINGS), 0)
     for trial, damping in zip(trials, DAMPINGS, strict=True):
         step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), pull[able])
@@ -202,4 +224,4 @@ def covariance(problem: Problem, fit: Fit, further: np.ndarray | None = None) ->
     if further is not None:
         columns = columns._replace(moving=np.concatenate([columns.moving, further]))
     by_block = scores(columns, fit.error, problem.block(BLOCK_SECONDS))
-    return widened_inverse(by_block, information(columns, len(fit.free)).matrix())
+    return widened_inverse(by_block, information(columns, _prior_std(fit.hypotheses, fit.free)).matrix())

@@ -88,7 +88,8 @@ AN_ARM = (AN_ARM / np.where(OFF, SIZE, 1))[OFF]
 def test_crosstalk_that_makes_up_a_turn_an_arm_or_gains_is_doubtful(monkeypatch, leaks, beside, of_gains, words):
     monkeypatch.setattr(entries, "share_of_gains", lambda *given: of_gains)
     whole = Hypothesis("crosstalk", tuple(range(30)))
-    monkeypatch.setattr(entries, "whole_matrix", lambda *given: Whole(leaks, whole, whole.free, np.eye(30)))
+    fitted = SimpleNamespace(z=leaks, free=whole.free)
+    monkeypatch.setattr(entries, "whole_matrix", lambda *given: Whole(fitted, whole, np.eye(30), True))
     said = doubt_of(PROBLEM, SimpleNamespace(hypotheses=(Hypothesis(beside), whole)), whole)
     assert words in said
     assert bool(said) == bool(words)

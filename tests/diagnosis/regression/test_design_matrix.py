@@ -50,7 +50,7 @@ def test_the_prior_is_of_the_coordinates_alone():
     columns = Columns(np.zeros((2, BINS, 6)), np.ones((1, BINS, 6)))
     ridge = RIDGE * 6 * BINS / 8
     np.testing.assert_allclose(np.diag(information(columns).matrix()), [PRIOR_STD**-2 + ridge] * 2 + [BINS + ridge] * 6)
-    np.testing.assert_allclose(np.diag(information(columns, 1).matrix())[:2], [PRIOR_STD**-2 + ridge, ridge])
+    np.testing.assert_allclose(np.diag(information(columns, np.array([2.0])).matrix())[:2], [0.25 + ridge, ridge])
 
 
 def test_the_best_step_is_least_squares(columns, error):
