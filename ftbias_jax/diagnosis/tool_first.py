@@ -7,13 +7,13 @@ import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored, score
 from ftbias_jax.diagnosis.evidence.estimates import parameters, with_other_entries
-from ftbias_jax.diagnosis.evidence.gap import Judge
+from ftbias_jax.diagnosis.evidence.gap import Judge, nats_of_joints
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_zero, movable, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.fit import Fit, fit
+from ftbias_jax.diagnosis.regression.fit import Fit, compared, fit
 from ftbias_jax.diagnosis.result import Candidate
 from ftbias_jax.diagnosis.search import Rounds, enough, gap_of, search, with_first_fits
-from ftbias_jax.diagnosis.thresholds import LEAST_GAIN, LEAST_SIGMAS, SURE
+from ftbias_jax.diagnosis.thresholds import ALIKE, LEAST_GAIN, LEAST_SIGMAS, SURE
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.require import is_draft
@@ -61,9 +61,12 @@ def search_causes(
     closed = gap_of(problem, beside.accepted) <= least
     # What is as good as a tool, by numbers of its own, comes after it.
     in_its_place = {h.effect for h in plain.accepted.hypotheses} & _like_tool(problem)
-    margin = -LEAST_GAIN if in_its_place - {h.effect for h in beside.accepted.hypotheses} else LEAST_GAIN
-    better = beside.start.hypotheses and closed and score(beside.accepted, plain.accepted) > margin
-    return beside if better else plain
+    if in_its_place - {h.effect for h in beside.accepted.hypotheses}:
+        lost, error = compared(problem, plain.accepted.error, beside.accepted.error)
+        better = lost < max(ALIKE * error, LEAST_GAIN, nats_of_joints(problem))
+    else:
+        better = score(beside.accepted, plain.accepted) > LEAST_GAIN
+    return beside if beside.start.hypotheses and closed and better else plain
 
 
 def stderr_of_tool(setup: Setup, problem: Problem, accepted: Fit) -> dict[str, np.ndarray]:
