@@ -46,7 +46,7 @@ def search_causes(
     It may be where the setup states it with an error that shows. A tool that is stated without one is believed first:
     its effects are candidates like all others. But a wrong tool beside something else makes a gap that neither explains
     alone, and a greedy search does not find the way: where more than one cause was found, or much is left, the
-    tool is tried beside them, too, and taken if that explains all by fewer numbers.
+    tool is tried beside them, too, and taken if that explains all, or as much as they do, by fewer numbers.
     """
     excluded = _of_tool(problem).keys() & {*without, *problem.known}
     drafted = is_draft(setup) and not excluded
@@ -58,7 +58,8 @@ def search_causes(
     beside = _beside_tool(problem, base, hold_out, without)
     if plain is None:
         return beside
-    closed = gap_of(problem, beside.accepted) <= least
+    left, by_plain = (gap_of(problem, one.accepted) for one in (beside, plain))
+    closed = left <= (max(least, by_plain) if plain.accepted.hypotheses else least)
     # What is as good as a tool, by numbers of its own, comes after it.
     in_its_place = {h.effect for h in plain.accepted.hypotheses} & _like_tool(problem)
     if in_its_place - {h.effect for h in beside.accepted.hypotheses}:
