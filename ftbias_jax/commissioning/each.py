@@ -11,7 +11,7 @@ from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
 from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.result import Diagnosis
 from ftbias_jax.io import read_log, read_motion
-from ftbias_jax.io.log import Log
+from ftbias_jax.io.log import Log, as_list
 from ftbias_jax.io.remote import from_anywhere
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.runtime.many import Results, results_of
@@ -38,7 +38,7 @@ def diagnose_each(
     Raises:
         UsageError: there is no log.
     """
-    return results_of(partial(_diagnosed, setup, choices), map(from_anywhere, logs) if executor else logs, executor)
+    return results_of(partial(_diagnosed, setup, choices), _given(logs, executor), executor)
 
 
 def identify_each(
@@ -58,7 +58,13 @@ def identify_each(
     Raises:
         UsageError: there is no log.
     """
-    return results_of(partial(_identified, setup, choices), map(from_anywhere, logs) if executor else logs, executor)
+    return results_of(partial(_identified, setup, choices), _given(logs, executor), executor)
+
+
+def _given(logs: Iterable[Source], executor: Executor | None) -> Iterable[Source]:
+    """What is to be done, of one log alone a list of it, as workers elsewhere find it."""
+    logs = as_list(logs)
+    return map(from_anywhere, logs) if executor else logs
 
 
 def _diagnosed(setup: Setup, choices: Mapping[str, Any], source: Log | str | os.PathLike[str]) -> Diagnosis:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar, overload
 
 import numpy as np
 from jaxtyping import Float
@@ -108,7 +108,11 @@ class Log(NamedTuple):
 Given = TypeVar("Given")
 
 
-def as_list(logs: Sequence[Given]) -> Sequence[Given]:
+@overload
+def as_list(logs: Sequence[Given]) -> Sequence[Given]: ...
+@overload
+def as_list(logs: Iterable[Given]) -> Iterable[Given]: ...
+def as_list(logs: Iterable[Given]) -> Iterable[Given]:
     """Logs or their paths as they are given; one alone, itself a sequence of fields or letters, as a list of it."""
     alone = isinstance(logs, str | os.PathLike) or hasattr(logs, "_fields")
     return [logs] if alone else logs  # type: ignore[list-item]

@@ -31,6 +31,7 @@ def test_each_log_is_read_as_its_verb_wants_it_and_errors_are_told(logs, monkeyp
     assert [given[2:] for given, _ in calls] == [(["0.npz"],), (["1.npz"],), ()]
     assert calls[2][0][1] == [memory]
     assert calls[0][1] == {"without": ["gain"]}
+    assert (list(ft.diagnose_each(setup, paths[0])), list(ft.diagnose_each(setup, memory))) == ([4], [5])
 
 
 @pytest.mark.slow

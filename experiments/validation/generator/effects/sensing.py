@@ -105,11 +105,20 @@ def _stops(count: int) -> Callable[[Floats], Floats]:
     return memory
 
 
+LONGEST_STEP = 0.5
+"""Of Bouc-Wen's variable, per its range."""
+
+
 def _bouc_wen(x: Floats) -> Floats:
-    """Bouc-Wen's smooth hysteretic variable for x (S, 6), n = 1.5, beta = 0.6, gamma = 0.4; within -1 ... 1."""
+    """Bouc-Wen's smooth hysteretic variable for x (S, 6), n = 1.5, beta = 0.6, gamma = 0.4; within -1 ... 1.
+
+    Explicit steps, of at most LONGEST_STEP: with longer ones the variable leaves its range and grows without limit.
+    """
     z, out = np.zeros(x.shape[1]), np.zeros_like(x)
     for k, step in enumerate(np.diff(x, axis=0), 1):
-        z = z + step * (1 - np.abs(z) ** 1.5 * (0.6 * np.sign(step * z) + 0.4))
+        count = max(int(np.ceil(np.abs(step).max() / LONGEST_STEP)), 1)
+        for _ in range(count):
+            z = z + step / count * (1 - np.abs(z) ** 1.5 * (0.6 * np.sign(step * z) + 0.4))
         out[k] = z
     return out
 

@@ -1,0 +1,83 @@
+"""A matrix of leaks beside a tool: a few entries where they are all there is, all of them where that is worth it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ftbias_jax.cli.commands.demo import SETUP
+from ftbias_jax.diagnosis.evidence.estimates import FORM_ERROR, parameters, with_other_entries
+from ftbias_jax.diagnosis.hypothesis import at_values
+from ftbias_jax.diagnosis.problem import make_problem
+from ftbias_jax.diagnosis.proposals.entries import whole_matrix
+from ftbias_jax.diagnosis.regression.chain_model import to_values
+from ftbias_jax.diagnosis.regression.fit import base, fit
+from ftbias_jax.diagnosis.tool_first import with_tool
+from ftbias_jax.model.simulate_log import simulate
+from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.setup import parse_setup
+
+TRUE = parse_setup(SETUP)
+OFF = replace(TRUE, tool=replace(TRUE.tool, center_of_mass=TRUE.tool.center_of_mass + np.array([0.006, 0.0, -0.008])))
+ONE = np.eye(6)
+ONE[2, 4] = 3.0
+ALL = np.eye(6) + 0.08 * np.kron([[1, 15], [0.1, 1]], np.ones((3, 3))) * (1 - np.eye(6))
+
+
+def fitted(matrix):
+    """The problem of a log with such a matrix and another centre of mass, and its fit with the largest entry alone."""
+    log = simulate(TRUE, {"crosstalk": {"matrix": matrix}}, duration=20, rate=100, seed=12).log
+    problem, _ = make_problem(OFF, [log])
+    of_tool = with_tool(problem, base(problem))
+    few = at_values(problem, problem.catalogue["crosstalk"], matrix=ONE)
+    largest = [(i, x) for i, x in zip(few.free, few.start, strict=True) if x]
+    few = few._replace(free=tuple(i for i, _ in largest), start=tuple(x for _, x in largest))
+    found = fit(problem, (*of_tool.hypotheses, few), of_tool)
+    return problem, found, few, next(h for h in found.hypotheses if h.effect == "tool_com")
+
+
+def values(problem, z, effect):
+    signals = problem.parts[0].signals
+    return to_values.prepare(signals, z, catalogue=problem.catalogue)(signals, z)[effect]
+
+
+@in_float64
+def test_one_leak_is_told_as_one_and_leaves_the_tool_right():
+    problem, found, few, center = fitted(ONE)
+    whole = whole_matrix(problem, found, few)
+    assert not whole.earned
+    told, stderr = parameters(problem, found, few)
+    np.testing.assert_allclose(told["matrix"], values(problem, found.z, "crosstalk")["matrix"])
+    stderr = np.array(stderr["matrix"])
+    assert (stderr[~np.eye(6, dtype=bool)] > 0).all()  # of those, too, that are not told
+    assert abs(told["matrix"][2][4] - 3.0) < 3 * stderr[2, 4]
+    told, stderr = parameters(problem, found, center)
+    np.testing.assert_array_less(
+        np.abs(told["center_of_mass"] - TRUE.tool.center_of_mass), 3 * np.array(stderr["center_of_mass"])
+    )
+    apart = values(problem, whole.fit.z, "tool_com")["center_of_mass"] - np.array(told["center_of_mass"])
+    wider = with_other_entries(problem, found, center, stderr)["center_of_mass"]
+    np.testing.assert_allclose(wider, np.hypot(stderr["center_of_mass"], apart), rtol=1e-9)
+
+
+@in_float64
+def test_leaks_of_all_channels_are_told_as_all():
+    problem, found, few, _ = fitted(ALL)
+    whole = whole_matrix(problem, found, few)
+    assert whole.earned
+    told, stderr = (np.array(x["matrix"]) for x in parameters(problem, found, few))
+    np.testing.assert_allclose(told, values(problem, whole.fit.z, "crosstalk")["matrix"])
+    off = ~np.eye(6, dtype=bool)
+    assert (np.abs(told - ALL)[off] < 3 * stderr[off]).mean() > 0.9
+
+
+@in_float64
+def test_what_a_form_may_put_into_a_vector_has_no_direction():
+    problem, _, _, center = fitted(ONE)
+    found = base(problem)._replace(hypotheses=(center,), free=center.free)
+    sure = np.zeros((3, *found.error.shape))
+    sure[range(3), range(3), 0] = 1e6
+    z = found.z.copy()
+    z[center.free[0]] = 2.0
+    found = found._replace(z=z, columns=found.columns._replace(moving=sure))
+    (stderr,) = parameters(problem, found, center)[1].values()
+    np.testing.assert_allclose(stderr, 2.0 * 0.006 * FORM_ERROR, rtol=1e-2)  # 6 mm is a typical departure
