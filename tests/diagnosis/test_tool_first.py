@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from ftbias_jax.cli.commands.demo import SETUP
+from ftbias_jax.diagnosis import tool_first
 from ftbias_jax.diagnosis.diagnose import diagnose
+from ftbias_jax.diagnosis.evidence.gap import Judge
+from ftbias_jax.diagnosis.hypothesis import at_values, at_zero, movable
+from ftbias_jax.diagnosis.problem import make_problem
+from ftbias_jax.diagnosis.regression.fit import base, fit
 from ftbias_jax.model.simulate_log import simulate
+from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup import parse_setup
 
 TRUE = parse_setup(SETUP)
@@ -117,3 +123,27 @@ def test_a_tool_beside_gains_is_as_uncertain_as_they_scatter():
     gain, stderr = (np.array(x["gain"]) for x in (found["gain"].parameters, found["gain"].stderr))
     assert 2 in np.flatnonzero(stderr)
     np.testing.assert_array_less(np.abs(gain - true)[stderr > 0], 3 * stderr[stderr > 0])
+
+
+@pytest.mark.parametrize(("of_joints", "by_tool"), [(0.0, False), (500.0, True)])
+@in_float64
+def test_gains_that_do_what_a_tool_does_come_after_it(monkeypatch, of_joints, by_tool):
+    setup = with_tool(0.88, OFF)
+    log = simulate(TRUE, {"time_delay": {"delay": 0.03}}, duration=20, rate=100, seed=14).log
+    problem, _ = make_problem(setup, [log])
+    nominal, known = base(problem), problem.catalogue
+    delay = at_values(problem, known["time_delay"], delay=0.03)
+    gains = at_values(problem, known["gain"], gain=np.full(6, 1.1))
+    by_gains = fit(problem, (gains, delay, at_zero("tool_com", movable(problem, known["tool_com"]))), nominal)
+
+    # They do better by 2 % of what is left, spread over the log.
+    by_gains = by_gains._replace(error=0.99 * by_gains.error, log_likelihood=0.99**2 * by_gains.log_likelihood)
+
+    def search(problem, start, *given):
+        return (fit(problem, (*start.hypotheses, delay), start) if start.hypotheses else by_gains), []
+
+    monkeypatch.setattr(tool_first, "search", search)
+    monkeypatch.setattr(tool_first, "nats_of_joints", lambda problem: of_joints)
+    found = tool_first.search_causes(setup, problem, nominal, Judge(problem))
+    told = {h.effect for h in found.accepted.hypotheses}
+    assert told == {"time_delay", "tool_com", "tool_mass" if by_tool else "gain"}
