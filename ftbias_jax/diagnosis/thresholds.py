@@ -59,7 +59,8 @@ LONGEST_JUMP = 1.5
 
 # The verdict
 LEADS = 0.3
-"""Noise sigmas of gap below which what single samples show is told first. [owner]"""
+"""Noise sigmas of gap below which what single samples show is told first, and that a tool in the place of other causes
+may leave where they leave as much. [owner]"""
 SILENT = 0.12
 """Noise sigmas of gap below which nothing is missing: the joints' own error reaches half of it. [physics]"""
 BEYOND_CHANCE = 3.0

@@ -13,7 +13,7 @@ from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit, compared, fit
 from ftbias_jax.diagnosis.result import Candidate
 from ftbias_jax.diagnosis.search import Rounds, enough, gap_of, search, with_first_fits
-from ftbias_jax.diagnosis.thresholds import ALIKE, LEAST_GAIN, LEAST_SIGMAS, SURE
+from ftbias_jax.diagnosis.thresholds import ALIKE, LEADS, LEAST_GAIN, LEAST_SIGMAS, SURE
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.require import is_draft
@@ -59,7 +59,7 @@ def search_causes(
     if plain is None:
         return beside
     left, by_plain = (gap_of(problem, one.accepted) for one in (beside, plain))
-    closed = left <= (max(least, by_plain) if plain.accepted.hypotheses else least)
+    closed = left <= max(least, min(by_plain, LEADS**2) if plain.accepted.hypotheses else 0.0)
     # What is as good as a tool, by numbers of its own, comes after it.
     in_its_place = {h.effect for h in plain.accepted.hypotheses} & _like_tool(problem)
     if in_its_place - {h.effect for h in beside.accepted.hypotheses}:
