@@ -60,13 +60,12 @@ def search_causes(
         return beside
     left, by_plain = (gap_of(problem, one.accepted) for one in (beside, plain))
     closed = left <= max(least, min(by_plain, LEADS**2) if plain.accepted.hypotheses else 0.0)
-    # What is as good as a tool, by numbers of its own, comes after it.
-    in_its_place = {h.effect for h in plain.accepted.hypotheses} & _like_tool(problem)
-    if in_its_place - {h.effect for h in beside.accepted.hypotheses}:
+    better = score(beside.accepted, plain.accepted) > LEAST_GAIN
+    if {h.effect for h in plain.accepted.hypotheses} & _like_tool(problem):
+        # What is as good as a tool, by more numbers of its own, comes after it.
         lost, error = compared(problem, plain.accepted.error, beside.accepted.error)
-        better = lost < max(ALIKE * error, LEAST_GAIN, nats_of_joints(problem))
-    else:
-        better = score(beside.accepted, plain.accepted) > LEAST_GAIN
+        as_good = lost < max(ALIKE * error, LEAST_GAIN, nats_of_joints(problem))
+        better = better or (as_good and beside.accepted.degrees < plain.accepted.degrees)
     return beside if beside.start.hypotheses and closed and better else plain
 
 
