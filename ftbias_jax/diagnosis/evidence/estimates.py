@@ -22,8 +22,6 @@ Parameters = dict[str, Numbers]
 FORM_ERROR = 0.02
 """Share of what a parameter departs from neutral that a real effect's form may put into it: it is never quite the
 catalogue's, and no scatter of the data shows that."""
-VECTOR = (3,)
-"""Shape of what has a direction in space."""
 SHAPE_ERROR = 0.15
 """Share of a contact's peak that its few hat functions may miss."""
 TIME_STDERR = 0.02
@@ -116,7 +114,7 @@ def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarra
         off = np.abs(at[1:] - at[0])
         if name in of_time:  # a moment is not the less certain the later it is
             off[-1] = TIME_STDERR
-        elif effect.parameter(name).shape == VECTOR:  # what a form puts into a vector is not along its axes
+        elif effect.parameter(name).is_vector:  # what a form puts into a vector is not along its axes
             off[-1] = np.linalg.norm(off[-1])
         either = np.maximum(*np.split(off[:-1], 2))
         found[name], errors[name] = _plain(at[0]), _plain(np.sqrt((either**2).sum(0) + off[-1] ** 2))

@@ -120,6 +120,11 @@ class Parameter(NamedTuple):
     stated: str = ""
     """Key of [tool] that states the same quantity, its standard error beside it as KEY_std; "" = none does."""
 
+    @property
+    def is_vector(self) -> bool:
+        """Whether it has a direction in space."""
+        return self.shape == (3,)
+
 
 def within(
     shape: tuple[int, ...], lower: float | Array, upper: float | Array, neutral: Neutral, scale: Any, **more: Any
