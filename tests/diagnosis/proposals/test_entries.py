@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.diagnosis.evidence.estimates import FORM_ERROR, parameters, with_other_entries
@@ -35,14 +36,19 @@ def fitted(matrix):
     return problem, found, few, next(h for h in found.hypotheses if h.effect == "tool_com")
 
 
+@pytest.fixture(scope="module")
+def one_leak():
+    return in_float64(fitted)(ONE)
+
+
 def values(problem, z, effect):
     signals = problem.parts[0].signals
     return to_values.prepare(signals, z, catalogue=problem.catalogue)(signals, z)[effect]
 
 
 @in_float64
-def test_one_leak_is_told_as_one_and_leaves_the_tool_right():
-    problem, found, few, center = fitted(ONE)
+def test_one_leak_is_told_as_one_and_leaves_the_tool_right(one_leak):
+    problem, found, few, center = one_leak
     whole = whole_matrix(problem, found, few)
     assert not whole.earned
     told, stderr = parameters(problem, found, few)
@@ -71,8 +77,8 @@ def test_leaks_of_all_channels_are_told_as_all():
 
 
 @in_float64
-def test_what_a_form_may_put_into_a_vector_has_no_direction():
-    problem, _, _, center = fitted(ONE)
+def test_what_a_form_may_put_into_a_vector_has_no_direction(one_leak):
+    problem, _, _, center = one_leak
     found = base(problem)._replace(hypotheses=(center,), free=center.free)
     sure = np.zeros((3, *found.error.shape))
     sure[range(3), range(3), 0] = 1e6
