@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored, score
-from ftbias_jax.diagnosis.evidence.estimates import parameters, with_other_entries
+from ftbias_jax.diagnosis.evidence.estimates import parameters
 from ftbias_jax.diagnosis.evidence.gap import Judge, nats_of_joints
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_zero, movable, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
@@ -81,7 +81,7 @@ def stderr_of_tool(setup: Setup, problem: Problem, accepted: Fit) -> dict[str, n
     found: dict[str, np.ndarray] = {}
     for h in beside.hypotheses:
         if h.effect in of_tool:
-            stderr = with_other_entries(problem, beside, h, parameters(problem, beside, h)[1])
+            stderr = parameters(problem, beside, h, either=True)[1]
             found |= {x.stated: np.asarray(stderr[x.name]) for x in of_tool[h.effect].parameters if x.stated}
     share = _open_scale(problem, beside)
     return {key: np.hypot(stderr, share * np.linalg.norm(getattr(setup.tool, key))) for key, stderr in found.items()}

@@ -6,7 +6,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis, Slow, moments, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.proposals.entries import Whole, entries_of, whole_matrix
+from ftbias_jax.diagnosis.proposals.entries import entries_of, whole_matrix
 from ftbias_jax.diagnosis.regression import chain_model
 from ftbias_jax.diagnosis.regression.coordinates import strengths
 from ftbias_jax.diagnosis.regression.evaluate import whitened
@@ -32,12 +32,26 @@ START_STDERR, FADING = 0.1, 0.1
 """s of a contact's start and end, and what its end has more, as a share of its length: it may fade."""
 
 
-def parameters(problem: Problem, fit: Fit, hypothesis: Hypothesis) -> tuple[Parameters, Parameters]:
-    """Values and standard errors of one hypothesis of a fit, in the units of the catalogue."""
+def parameters(
+    problem: Problem, fit: Fit, hypothesis: Hypothesis, either: bool = False
+) -> tuple[Parameters, Parameters]:
+    """Values and standard errors of one hypothesis of a fit, in the units of the catalogue.
+
+    With ``either``, what is found beside a matrix is the less certain the more it differs where few of its entries are
+    told, or all.
+    """
     few = entries_of(problem, fit)
     if few is not None and not hypothesis.shapes:
         whole = whole_matrix(problem, fit, few)
-        return _beside_matrix(problem, whole, whole.fit if whole.earned else fit, hypothesis)
+        h = whole.matrix if hypothesis is few else hypothesis
+        told, other = (whole.fit, fit) if whole.earned else (fit, whole.fit)
+        values, errors = _of_coordinates(problem, told, h, whole.spread(h))
+        if either and h is hypothesis:
+            others, _ = _of_coordinates(problem, other, h, whole.spread(h))
+            errors = {
+                name: _plain(np.hypot(error, np.subtract(values[name], others[name]))) for name, error in errors.items()
+            }
+        return values, errors
     slow = [h for h in fit.hypotheses if isinstance(h.detail, Slow)]
     further = np.concatenate([fit.columns.moving[:0], *(_by_time_constant(problem, fit, h) for h in slow)])
     try:
@@ -50,22 +64,6 @@ def parameters(problem: Problem, fit: Fit, hypothesis: Hypothesis) -> tuple[Para
         return _of_series(problem, fit, hypothesis, of_series, of_time)
     own = [fit.free.index(i) for i in hypothesis.free]
     return _of_coordinates(problem, fit, hypothesis, spread[np.ix_(own, own)])
-
-
-def _beside_matrix(problem: Problem, whole: Whole, told: Fit, hypothesis: Hypothesis) -> tuple[Parameters, Parameters]:
-    """Of a matrix with all its entries, or of what is found beside it."""
-    h = whole.matrix if hypothesis.effect == whole.matrix.effect else hypothesis
-    return _of_coordinates(problem, told, h, whole.spread(h))
-
-
-def with_other_entries(problem: Problem, fit: Fit, hypothesis: Hypothesis, errors: Parameters) -> Parameters:
-    """Standard errors of what is found beside a matrix, with what differs where few of its entries are told, or all."""
-    few = entries_of(problem, fit)
-    if few is None or hypothesis is few or hypothesis.shapes:
-        return errors
-    whole = whole_matrix(problem, fit, few)
-    ours, theirs = (_beside_matrix(problem, whole, one, hypothesis)[0] for one in (whole.fit, fit))
-    return {name: _plain(np.hypot(error, np.subtract(ours[name], theirs[name]))) for name, error in errors.items()}
 
 
 def form_error(problem: Problem, effect: str) -> float:

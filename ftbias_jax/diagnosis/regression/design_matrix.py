@@ -90,8 +90,8 @@ def information(columns: Columns, prior_std: np.ndarray | None = None) -> Inform
     moving, series = own @ own.T, by_channel @ transposed
     trace = np.trace(moving) + np.trace(series, axis1=1, axis2=2).sum()
     ridge = RIDGE * max(float(trace) / max(columns.size, 1), 1e-12)
-    prior = np.zeros(F)
-    prior[: None if prior_std is None else len(prior_std)] = PRIOR_STD**-2 if prior_std is None else prior_std**-2
+    std = np.full(F, PRIOR_STD) if prior_std is None else prior_std
+    prior = np.pad(std**-2, (0, F - len(std)))
     return Information(
         moving + np.diag(prior + ridge),
         channels_first(columns.moving) @ transposed,

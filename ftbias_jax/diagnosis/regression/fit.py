@@ -78,7 +78,7 @@ def fit(
         z = h.begin(z)
         if id(h) in there:
             z[list(h.free)] = start.z[list(h.free)]
-    free = tuple(dict.fromkeys(i for h in hypotheses for i in h.free))
+    free = _free(hypotheses)
     prior_std = _prior_std(hypotheses, free)
     series = _series(problem, hypotheses, start)
     project = projection(series)
@@ -119,7 +119,7 @@ def first_order(accepted: Fit, h: Hypothesis, columns: np.ndarray) -> Fit:
 
 def undamped(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit) -> np.ndarray:
     """(P,) coordinates one whole step from those of a fit, beside the series that it has."""
-    free = tuple(dict.fromkeys(i for h in hypotheses for i in h.free))
+    free = _free(hypotheses)
     own, prior_std = list(free), _prior_std(hypotheses, free)
     columns = start.columns._replace(moving=whitened(problem, slopes(problem, start.z, free)))
     pull = products(columns, start.error[None])[0]
@@ -177,6 +177,11 @@ def projection(series: np.ndarray) -> Callable[[np.ndarray], tuple[np.ndarray, n
 
 def _log_likelihood(error: np.ndarray) -> float:
     return -float((error**2).sum()) / 2 if np.isfinite(error).all() else -np.inf
+
+
+def _free(hypotheses: tuple[Hypothesis, ...]) -> tuple[int, ...]:
+    """Coordinates that any hypothesis fits, each once."""
+    return tuple(dict.fromkeys(i for h in hypotheses for i in h.free))
 
 
 def _prior_std(hypotheses: tuple[Hypothesis, ...], free: tuple[int, ...]) -> np.ndarray:
