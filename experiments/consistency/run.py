@@ -73,7 +73,7 @@ def whole_pipeline(params, samples, truth, smoothed=False):
         if smoothed:
             joints = smoother.smooth_joints(params, start, log)
         else:
-            inputs = stages.joint_inputs(params, start, log)
+            inputs = stages.joint_inputs(params.joint, start.joint, log)
             joints = stages.joint_states(filter_scan(JOINT_MODELS[DEFAULT_OPTIONS.joint_model], inputs))
         wrench_tool, variance = stages.predict_wrenches(params, joints, log, DEFAULT_OPTIONS)
         track = filter_scan(drift_noise, stages.bias_inputs(params, start, log, wrench_tool, variance))

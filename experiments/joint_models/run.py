@@ -30,7 +30,7 @@ COLORS = dict(zip(JOINT_MODELS, ("#0072B2", "#D55E00", "#009E73"), strict=True))
 def accelerations(params, log, model):
     """Filtered and smoothed (T, n)."""
     start = pipeline.init(params, log)
-    track = filter_scan(JOINT_MODELS[model], stages.joint_inputs(params, start, log))
+    track = filter_scan(JOINT_MODELS[model], stages.joint_inputs(params.joint, start.joint, log))
     smoothed = smoother.smooth_joints(params, start, log, Options(joint_model=model))
     return track.mean[:, 2], smoothed.mean[:, :, 2]
 

@@ -81,7 +81,8 @@ def road(setup, paths, test):
     found = ft.calibrate(setup, [ft.read_log(path, setup, raw=True) for path in paths], bias=True)
     seconds = time.perf_counter() - begin
     unseen = [ft.read_log(test, setup)]
-    judged, held = judge(found.setup, unseen, 1.0), baselines(found.setup, unseen, 1.0)[TARE]
+    judged = judge(found.setup, unseen, 1.0)
+    held = baselines(judged)[TARE]
     tool = found.setup.tool
     print(f"{test.name}: {tool.mass:.4f} kg, {seconds:.0f} s", file=sys.stderr)
     return {

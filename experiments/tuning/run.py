@@ -72,7 +72,8 @@ def tune_all(start, log):
 def filtered_wrench(params, log):
     """D theta of filtered joints, and the joints' share of the variance, (T, 6) each."""
     track = filter_scan(
-        JOINT_MODELS[DEFAULT_OPTIONS.joint_model], stages.joint_inputs(params, pipeline.init(params, log), log)
+        JOINT_MODELS[DEFAULT_OPTIONS.joint_model],
+        stages.joint_inputs(params.joint, pipeline.init(params, log).joint, log),
     )
     wrench_tool, variance = stages.predict_wrenches(params, stages.joint_states(track), log, DEFAULT_OPTIONS)
     return wrench_tool, variance - params.bias.wrench_variance[None]

@@ -9,11 +9,11 @@ import numpy as np
 from ftbias_jax.calibration.tool import physical, shown
 from ftbias_jax.calibration.tool.mounting import likely_rotation
 from ftbias_jax.calibration.tool.physical import FIXED, NAMES, PRIOR_STD
-from ftbias_jax.filtering import innovation_regression, likelihood, pipeline
+from ftbias_jax.filtering import innovation_regression, likelihood
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.innovation_regression import Linear, Prior
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options
-from ftbias_jax.filtering.smoother import smooth_joints
+from ftbias_jax.filtering.smoother import smoothed_joints
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import rotation_from_vector
 from ftbias_jax.model.params import Params
@@ -87,7 +87,7 @@ def identify(
         mounting: also fit the sensor's rotation.
         gravity: also fit its direction (its size is kept).
     """
-    joints = _smoothed(params, samples, options=options)
+    joints = smoothed_joints(params.joint, *samples[:3], model=options.joint_model)
     quarter = _quarter_turn(params, joints, samples) if mounting else np.eye(3)
     params = _turned(params, quarter)
     moves = [MOUNTING_STD if mounting else FIXED, GRAVITY_STD if gravity else FIXED]
@@ -123,11 +123,6 @@ def identify(
         swings=swings,
         left=np.asarray(samples.wrench) - np.asarray(_readings(jnp.asarray(linear.at), params, joints.mean, samples)),
     )
-
-
-@keep_program("options")
-def _smoothed(params: Params, samples: Sample, *, options: Options) -> Gaussian:
-    return smooth_joints(params, pipeline.init(params, samples), samples, options)
 
 
 @keep_program("options")

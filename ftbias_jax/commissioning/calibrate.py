@@ -139,9 +139,8 @@ def calibrate(
         first, state = _walked(_Road(whole, begun, names, hold_out, progress, longest(begun), worker), setup, start)
     if state.unmoved is not None:
         state = state._replace(setup=as_uncertain(replace(state.setup, tool=state.unmoved), state.beside))
-    progress("comparing with a constant bias")
     rows = {GIVEN: first.judged} | ({CALIBRATED: state.judged} if state.setup is not start else {})
-    rows |= baselines(state.setup, whole, hold_out)
+    rows |= baselines(state.judged)
     final = replace(state.setup, tool=setup.tool) if state.setup.tool is start.tool else state.setup
     if state.setup is not start:
         progress("repeating what was kept with all of the logs")

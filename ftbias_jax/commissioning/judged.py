@@ -3,7 +3,7 @@
 What a diagnosis found may not be written into a setup if that filters the same logs worse.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -50,6 +50,9 @@ class Judged(NamedTuple):
     """(T,) 1 where the filter took the sample, 0 where not, NaN = the setup's effects say that it is worth nothing."""
     stretch: Array
     """(T,) number of the stretch of a log."""
+    constant: Array
+    """(2, T, 6) N, Nm: the reading less the tool's wrench and a bias that needs no filter: that of HELD_TARE, and of
+    CONSTANT; NaN = not used."""
 
     @property
     def rms(self) -> Array:
@@ -105,37 +108,17 @@ def judge(setup: Setup, logs: Sequence[Log], hold_out: float) -> Judged:
         logs: as ``read_log`` gives them.
         hold_out: share at the end of each that counts.
     """
-    results = _filtered(setup, logs)
-    return _joined([_of_end(r, log, hold_out, _errors(r)) for r, log in zip(results, logs, strict=True)])
-
-
-def baselines(setup: Setup, logs: Sequence[Log], hold_out: float) -> dict[str, Judged]:
-    """What needs no filter, with a setup's tool: a bias held from the log's start, or its mean over what was fitted.
-
-    Args:
-        setup: for the wrench of the tool.
-        logs: as for ``judge``.
-        hold_out: as for ``judge``.
-    """
-    results = _filtered(setup, logs)
-    ways: dict[str, Callable[[FilterResult, Log], Array]] = {
-        HELD_TARE: lambda result, log: result.t < result.t[np.argmax(_used(result))] + TARE,
-        CONSTANT: lambda result, log: result.t < _begin(_stamps(log), hold_out),
-    }
-
-    def held(rows: Callable[[FilterResult, Log], Array]) -> Judged:
-        def errors(result: FilterResult, log: Log) -> tuple[Array, Array]:
-            errors = np.stack([errors_of_constant_bias(result, rows(result, log))] * len(HORIZONS))
-            return errors, np.full(errors.shape, np.nan)
-
-        return _joined([_of_end(r, log, hold_out, errors(r, log)) for r, log in zip(results, logs, strict=True)])
-
-    return {name: held(rows) for name, rows in ways.items()}
-
-
-def _filtered(setup: Setup, logs: Sequence[Log]) -> list[FilterResult]:
     with compiled_for_few_calls(sum(len(log.t) for log in logs)):
-        return [filter_log(setup, log, unchecked=True) for log in logs]
+        return _joined([_of_end(filter_log(setup, log, unchecked=True), log, hold_out) for log in logs])
+
+
+def baselines(judged: Judged) -> dict[str, Judged]:
+    """What needs no filter, with a setup's tool: a bias held from the log's start, or its mean over what was fitted."""
+    unknown = np.full_like(judged.inside, np.nan)
+    return {
+        name: judged._replace(errors=np.stack([errors] * len(HORIZONS)), inside=unknown)
+        for name, errors in zip((HELD_TARE, CONSTANT), judged.constant, strict=True)
+    }
 
 
 def compare(new: Judged, old: Judged) -> Difference:
@@ -242,10 +225,10 @@ def _std_ahead(result: FilterResult, seconds: float) -> Array:
     return np.sqrt(variance)
 
 
-def _of_end(result: FilterResult, log: Log, hold_out: float, errors: tuple[Array, Array]) -> Judged:
+def _of_end(result: FilterResult, log: Log, hold_out: float) -> Judged:
     """Errors at the end of a log, at all stamps of its wrench: the result leaves out what the setup says is useless."""
-    t = _stamps(log)
-    begin = _begin(t, hold_out)
+    t = log.t[np.isfinite(log.wrench).any(1)] + log.start
+    begin = float(t[-1] - hold_out * (t[-1] - t[0]))
     rows, places = t >= begin, np.searchsorted(t, result.t)
 
     def at_stamps(values: Array) -> Array:
@@ -253,22 +236,15 @@ def _of_end(result: FilterResult, log: Log, hold_out: float, errors: tuple[Array
         whole[..., places, :] = values
         return whole[..., rows, :]
 
-    ahead, inside = map(at_stamps, errors)
+    used = _used(result)
+    fitted = (result.t < result.t[np.argmax(used)] + TARE, result.t < begin)
+    constant = np.stack([errors_of_constant_bias(result, rows) for rows in fitted])
+    ahead, inside = _errors(result)
     share = (t[rows] - begin) / max(float(t[-1] - begin), 1e-9)
     stretch = np.minimum((STRETCHES * share).astype(int), STRETCHES - 1)
     unsettled = t[rows] < settled_at(log.t + log.start, result.params)
-    used = np.where(unsettled, np.nan, at_stamps(_used(result)[:, None])[:, 0])
-    return Judged(ahead, inside, used, stretch)
-
-
-def _stamps(log: Log) -> Array:
-    """s, of the samples of the wrench."""
-    stamps: Array = log.t[np.isfinite(log.wrench).any(1)] + log.start
-    return stamps
-
-
-def _begin(t: Array, hold_out: float) -> float:
-    return float(t[-1] - hold_out * (t[-1] - t[0]))
+    took = np.where(unsettled, np.nan, at_stamps(used[:, None])[:, 0])
+    return Judged(at_stamps(ahead), at_stamps(inside), took, stretch, at_stamps(constant))
 
 
 def _used(result: FilterResult) -> Array:

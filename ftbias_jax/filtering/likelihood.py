@@ -94,7 +94,7 @@ def joint_log_likelihood(
     params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
 ) -> Float[Array, ""]:
     """The joints' part alone, () nats; arguments as for ``log_likelihood``."""
-    inputs = stages.joint_inputs(params, pipeline.init(params, samples), samples)
+    inputs = stages.joint_inputs(params.joint, pipeline.init(params, samples).joint, samples)
     return filter_sums(JOINT_MODELS[options.joint_model], False, inputs, counted(samples.dt, burn_in)).nats.sum()
 
 

@@ -27,6 +27,8 @@ lag, which moves with the motion. On simulated logs the bias errors are smallest
 (experiments/joint_noise)."""
 MOST_SAMPLES = 1 << 14
 """At the start of a log that the noise is fitted to."""
+PIECE, FEW_PIECES = 1 << 13, 4
+"""Samples that logs are padded to multiples of, and so many pieces of which a longer log is padded by two."""
 POINTS, PARTS = 8, 64
 """Of each grid, and of the interval between two points of the fine one: 1 % of the density."""
 
@@ -166,6 +168,7 @@ def rows_of(log: Log, first: int, count: int) -> dict[str, Array]:
 
 
 def padded_length(length: int) -> int:
-    """Length to pad to, so that logs of similar length share one program: a power of two, or several of the largest."""
-    power = min(MOST_SAMPLES, 1 << (length - 1).bit_length())
-    return power * -(-length // power)
+    """Length to pad to, so that logs of similar length share one program: a power of two, or pieces of that length."""
+    largest = PIECE if length <= FEW_PIECES * PIECE else 2 * PIECE
+    piece = min(largest, 1 << (length - 1).bit_length())
+    return piece * -(-length // piece)

@@ -20,13 +20,15 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
+from ftbias_jax.filtering import joint_filter
 from ftbias_jax.filtering.fast.kalman_step import Packed
 from ftbias_jax.filtering.fast.scan import Inputs, Smoothed, Track, driven, entries, filter_scan
 from ftbias_jax.filtering.fast.stages import add_noise, joint_inputs, joint_states
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options, State
 from ftbias_jax.filtering.process_models import JOINT_MODELS, ProcessModel, bias_model
-from ftbias_jax.model.params import Params
+from ftbias_jax.model.params import JointNoise, Params
 from ftbias_jax.runtime.compiled_loops import compile_forward
+from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.runtime.lanes import (
     Entry,
     Rows,
@@ -59,9 +61,30 @@ def smooth_joints(params: Params, state: State, samples: Sample, options: Option
     return joint_states(smooth_joint_tracks(params, state, samples, options))
 
 
+@keep_program("model")
+def smoothed_joints(
+    noise: JointNoise, dt: Float[Array, " T"], q: Float[Array, "T n"], dq: Float[Array, "T n"], *, model: str
+) -> Gaussian:
+    """The same by a program of its own, which setups share whatever they know of the wrench.
+
+    Args:
+        noise: of the joint filter.
+        dt: (T,) s since the sample before.
+        q: (T, n) rad, NaN = not measured.
+        dq: (T, n) rad/s, NaN = not measured.
+        model: key of process_models.JOINT_MODELS.
+    """
+    start = joint_filter.init(noise, joint_filter.first_measured(q))
+    return joint_states(_smooth(model, joint_inputs(noise, start, Sample(dt, q, dq, jnp.full(6, jnp.nan, q.dtype)))))
+
+
 def smooth_joint_tracks(params: Params, state: State, samples: Sample, options: Options) -> Smoothed:
     """The same with the axes of a track."""
-    model, inputs = JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples)
+    return _smooth(options.joint_model, joint_inputs(params.joint, state.joint, samples))
+
+
+def _smooth(name: str, inputs: Inputs) -> Smoothed:
+    model = JOINT_MODELS[name]
     return smooth_track(model, inputs, filter_scan(model, inputs))
 
 

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.diagnosis.samples.smoothed import padded_samples, smoothed
+from ftbias_jax.diagnosis.samples.smoothed import padded_samples
 from ftbias_jax.errors import LogError
 from ftbias_jax.filtering import params_for_log
 from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.filtering.smoother import smoothed_joints
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Column, Log
 from ftbias_jax.io.tables.array_files import load_arrays
@@ -40,7 +41,8 @@ def joint_states(setup: Setup, log: Log) -> Array:
     """(T, n, 3) rad, rad/s, rad/s^2 at the stamps of a cleaned log: smoothed positions, speeds and accelerations."""
     options, samples = Options(joint_model=setup.joints.model), padded_samples(log)
     params = params_for_log.likeliest_params(setup, samples, options)
-    return smoothed(params._replace(effects=None), samples, options)[0][: len(log.t)]
+    joints = smoothed_joints(params.joint, *samples[:3], model=options.joint_model)
+    return np.asarray(joints.mean)[: len(log.t)]
 
 
 def replay(scene: Mjcf, t: Array, states: Array, progress: Callable[[float], object] = lambda done: None) -> Array:

@@ -14,6 +14,7 @@ from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.commissioning import calibrate as module
 from ftbias_jax.commissioning.calibrate import calibrate
 from ftbias_jax.commissioning.drafted import loosened, with_loose_tool
+from ftbias_jax.commissioning.judged import CONSTANT, HELD_TARE
 from ftbias_jax.commissioning.result import CALIBRATED, GIVEN
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.model.simulate_log import simulate
@@ -68,13 +69,10 @@ def faked(monkeypatch):
             tool = SimpleNamespace(values=np.full(10, mass), stderr=np.full(10, 0.01), remarks=("",) * 10)
             return SimpleNamespace(setup=found, tool=tool, converged=True, channels=None)
 
-        def baselines(setup, logs, hold_out):
-            return {"constant bias": judged(5.0)._replace(inside=np.full((2, 4_000, 6), np.nan))}
-
         def compiled_ahead(setup, logs):
             return nullcontext()
 
-        for fake in (judge, diagnose, with_causes, identify_tool, baselines, compiled_ahead):
+        for fake in (judge, diagnose, with_causes, identify_tool, compiled_ahead):
             monkeypatch.setattr(module, fake.__name__, fake)
         return calls
 
@@ -96,7 +94,7 @@ def test_what_predicts_better_is_kept_and_repeated_with_all_of_the_log(faked):
     begun = round(0.75 * len(LOG.t))
     assert calls[:2] == [("identify", begun), ("diagnose", begun)]
     assert calls[-3:] == [("identify", len(LOG.t)), ("diagnose", len(LOG.t)), ("identify", len(LOG.t))]
-    assert list(found.rows) == [GIVEN, CALIBRATED, "constant bias"]
+    assert list(found.rows) == [GIVEN, CALIBRATED, HELD_TARE, CONSTANT]
     assert "errors 50" in found.steps[1].why
     assert found.constant_is_better == ()
 

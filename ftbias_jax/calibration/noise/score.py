@@ -55,7 +55,7 @@ class JointScore:
         moved, length = freed(params, self.free, logs), measured_length(pieces)
 
         def one(samples: Sample) -> Array:
-            inputs = stages.joint_inputs(moved, pipeline.init(params, samples), samples)
+            inputs = stages.joint_inputs(moved.joint, pipeline.init(params, samples).joint, samples)
             return nats_in_pieces(JOINT_MODELS[self.model], inputs, counted(samples.dt, self.burn_in), length)
 
         return jax.vmap(one)(pieces).sum(0)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.regression.coordinates import fitted_effects, layout, values_at
 from ftbias_jax.diagnosis.samples.bins import bins_of
-from ftbias_jax.diagnosis.samples.smoothed import padded_samples, prepare_smoother
+from ftbias_jax.diagnosis.samples.smoothed import padded_samples, programs_of_smoother
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects import compose
@@ -127,7 +127,7 @@ def programs_of_search(setup: Setup, logs: Sequence[Log]) -> Iterator[Callable[[
     params, options = params_from_setup(setup), Options(joint_model=setup.joints.model)
     outlines = (jax.eval_shape(lambda samples: samples, padded_samples(log)) for log in logs)
     for samples in {str(outline): outline for outline in outlines}.values():
-        yield partial(prepare_smoother, params, samples, options)
+        yield from programs_of_smoother(params, samples, options)
     catalogue = catalogue_of_setup(setup)
     for bins, columns in dict.fromkeys((padded_bins(log), tuple(log.columns)) for log in logs):
         signals, known, moving = outline(params, bins, columns)

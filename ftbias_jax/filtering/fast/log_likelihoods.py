@@ -67,7 +67,9 @@ def is_there(samples: Sample) -> Array:
 def _of_chunk(options: Options, params: Params, state: State, chunk: tuple[Sample, Array]) -> tuple[State, Nats]:
     """All stages over a chunk: ``stages.run`` without what it would report of every sample."""
     samples, weight = chunk
-    joint = filter_sums(JOINT_MODELS[options.joint_model], True, stages.joint_inputs(params, state, samples), weight)
+    joint = filter_sums(
+        JOINT_MODELS[options.joint_model], True, stages.joint_inputs(params.joint, state.joint, samples), weight
+    )
     assert joint.states is not None
     predicted = stages.predict_wrenches(params, joint.states, samples, options)
     wrench_tool, variance = (checkpoint_name(x, WRENCH) for x in predicted)

@@ -22,7 +22,7 @@ from ftbias_jax.filtering.step import Options, State, predict_wrench
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody, speeds_of
-from ftbias_jax.model.params import Params
+from ftbias_jax.model.params import JointNoise, Params
 from ftbias_jax.model.wrench.batch import PIECE, wrenches
 from ftbias_jax.model.wrench.tool_wrench import covariance_of_joints, joint_sensitivity, measurement_covariance
 from ftbias_jax.runtime.compiled_loops import log_by_log_with_slopes, on_cpu
@@ -72,7 +72,7 @@ def _run_stages(
 ) -> tuple[State, Staged]:
     """All stages over a chunk whose first samples, so many, are of the log."""
     samples, measured = chunk
-    joint = filter_scan(JOINT_MODELS[options.joint_model], joint_inputs(params, state, samples))
+    joint = filter_scan(JOINT_MODELS[options.joint_model], joint_inputs(params.joint, state.joint, samples))
     wrench_tool, variance = predict_wrenches(params, joint, samples, options)
     inputs = bias_inputs(params, state, samples, wrench_tool, variance, speeds_of(params.arm, joint.mean[:, 1]))
     track = filter_scan(gated(inputs, options), inputs)
@@ -82,13 +82,12 @@ def _run_stages(
     return state_of(*last), Staged(joint, wrench, wrench_tool)
 
 
-def joint_inputs(params: Params, state: State, samples: Sample) -> Inputs:
+def joint_inputs(noise: JointNoise, start: Gaussian, samples: Sample) -> Inputs:
     """The joint filters as a recursion: n filters of three states and two measurements."""
-    noise = params.joint
     y = jnp.stack([samples.q, samples.dq], 1)
     variance = jnp.stack([noise.position_std, noise.velocity_std]) ** 2
     restart = jnp.broadcast_to((noise.prior_std**2)[:, None], (3, y.shape[2]))
-    mean, covariance = state.joint.mean.T, jnp.moveaxis(state.joint.covariance, 0, -1)
+    mean, covariance = start.mean.T, jnp.moveaxis(start.covariance, 0, -1)
     return Inputs(samples.dt, noise.process_density, y, jnp.broadcast_to(variance, y.shape), mean, covariance, restart)
 
 

@@ -46,7 +46,7 @@ def smooth_joints(work: Work) -> Work:
     """The same given past and future; smoothing has no lag, so the process noise is not guarded."""
     model, samples = JOINT_MODELS[work.options.joint_model], work.samples
     seen = work.length if work.seen is None else work.seen
-    inputs = joint_inputs(work.params, work.start, samples)
+    inputs = joint_inputs(work.params.joint, work.start.joint, samples)
     density, restart = inputs.density, list(inputs.restart_variance[:2])
 
     def forward(joint: Gaussian, piece: tuple[Sample, Array]) -> tuple[Gaussian, Any]:
@@ -75,7 +75,7 @@ def _counted(work: Work) -> Array:
 
 def _forward(work: Work, joint: Gaussian, samples: Sample, counted: Array) -> tuple[Gaussian, States, Array]:
     """The filters of the joints over a piece: their state after it, their states, and (1,) nats."""
-    inputs = joint_inputs(work.params, work.start._replace(joint=joint), samples)
+    inputs = joint_inputs(work.params.joint, joint, samples)
     found = filter_sums(JOINT_MODELS[work.options.joint_model], True, inputs, counted.astype(samples.dt.dtype))
     assert found.states is not None
     return Gaussian(found.mean.T, jnp.moveaxis(found.covariance, -1, 0)), found.states, found.nats.sum()[None]
