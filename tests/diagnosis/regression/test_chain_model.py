@@ -42,7 +42,7 @@ def test_an_outline_is_like_the_problem(setup, log):
         assert (a.shape, a.dtype, a.weak_type) == (b.shape, b.dtype, b.weak_type)
 
 
-@pytest.mark.parametrize(("place", "name"), enumerate(("smoothed_joints", "_predicted")))
+@pytest.mark.parametrize(("place", "name"), [(0, "smoothed_joints"), (1, "_predicted")])
 def test_the_smoother_is_compiled_for_what_it_will_smooth(setup, log, place, name, monkeypatch):
     asked, program = [], getattr(smoothed, name)
 
