@@ -21,7 +21,7 @@ from ftbias_jax.commissioning.logs import longest, without_end
 from ftbias_jax.commissioning.result import CALIBRATED, GIVEN, Calibrated, Step, nothing_found
 from ftbias_jax.diagnosis.apply import with_causes
 from ftbias_jax.diagnosis.diagnose import diagnose
-from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead
+from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead, programs_of_search
 from ftbias_jax.diagnosis.result import Diagnosis
 from ftbias_jax.errors import FtbiasError, UsageError
 from ftbias_jax.io.cleaning import clean
@@ -29,7 +29,7 @@ from ftbias_jax.io.log import Log, as_list
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.model.own_effects import catalogue_of_setup
-from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.runtime.jax_config import in_float64, same_precision
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.types import COMPENSATED, Setup, ToolSetup
 from ftbias_jax.types import Array
@@ -63,6 +63,11 @@ class _Road(NamedTuple):
     def tool_ahead(self, setup: Setup) -> tuple[Setup, Future[IdentifyResult]]:
         """Begin to identify the tool of a setup."""
         return setup, self.worker.submit(identify_tool, setup, self.longest, unchecked=True)
+
+    def diagnosis_ahead(self, setup: Setup) -> None:
+        """Begin to compile what a diagnosis with a setup needs."""
+        for prepare in programs_of_search(setup, self.begun):
+            self.worker.submit(same_precision(prepare))
 
 
 class _State(NamedTuple):
@@ -203,6 +208,8 @@ def _with_causes(state: _State, road: _Road) -> _State:
             state = _tried(state, road, step, setup)
             if state.steps[-1].kept:
                 state = state._replace(beside=larger(state.beside, found.tool_stderr), ahead=ahead)
+    if state.ahead is not None and state.ahead[0] is state.setup:
+        road.diagnosis_ahead(state.setup)
     return state
 
 
