@@ -65,6 +65,8 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
         return _describe_ros(path, setup, salvage)
     if setup is None:
         table = look(os.fspath(path))
+        if table.joints and table.orientation:  # what moves is read off the joints, as with ftbias setup --robot
+            table = table._replace(orientation="", has=table.has | {"pose"})
         if not is_usual(table):
             return look_at(os.fspath(path), table)
         names = table.joint_names
@@ -249,7 +251,8 @@ def _lines(keys: Mapping[str, Known]) -> list[str]:
 
 
 def _verdict(path: str, table: Table) -> str:
-    motion = "the pose of the sensor's mount" if table.orientation else f"{table.joints} joints" if table.joints else ""
+    joints = f"{table.joints} joints" + " (and a pose, read without --robot)" * ("pose" in table.has)
+    motion = "the pose of the sensor's mount" if table.orientation else joints if table.joints else ""
     parts = [motion, "an IMU" if table.has_imu else "", "a wrench" if "wrench" in table.has else ""]
     found = " and ".join(part for part in parts if part)
     name = Path(path).name
@@ -261,7 +264,7 @@ def _verdict(path: str, table: Table) -> str:
             "whose [log.columns] lists what to choose from"
         )
     rate = " --rate HZ" if table.time is None and not table.static else ""
-    robot = " --robot NAME" if table.joints and not table.orientation else ""
+    robot = " --robot NAME" if table.joints else ""
     if motion and "wrench" in table.has:
         found += ", each row as of a pose at rest" if table.static else ""
         still = " (a log of motion: with --rate HZ)" if table.static and table.time is None else ""

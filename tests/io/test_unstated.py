@@ -65,6 +65,18 @@ def test_a_pose_in_milliseconds_with_an_accelerometer_in_g(tmp_path):
     assert "can be filtered" in describe(log, parse_setup({**stated(info), "sensor": {"noise_std": 1.0}})).verdict
 
 
+def test_of_a_log_with_joints_and_a_pose_the_joints_are_shown_and_rows_need_a_rate(tmp_path, capsys):
+    pose = [f"current_orientation_{x}" for x in "wxyz"]
+    joints = [f"joint_{i}" for i in range(1, 7)]
+    log = write_csv(tmp_path / "log.csv", [*pose, *NAMES, *joints], TURNED.as_quat(scalar_first=True), WRENCH, Q)
+    info = describe(log)
+    assert [(stream.name, stream.kind) for stream in info.streams] == [("joints", "q"), ("wrench", "N, Nm")]
+    assert "has 6 joints (and a pose, read without --robot) and a wrench" in info.verdict
+    assert stated(info) == {"log": {"rate": 50.0}}
+    assert main(["info", str(log)]) == 0
+    assert "--robot NAME --rate HZ -o setup.toml" in capsys.readouterr().out.splitlines()[-1]
+
+
 def test_an_array_of_four_may_have_either_order_and_rows_need_a_rate(tmp_path):
     np.savez(tmp_path / "log.npz", orientation=TURNED.as_quat(), wrench=WRENCH, position=Q[:, :3])
     info = describe(tmp_path / "log.npz")

@@ -34,7 +34,8 @@ def _next(arguments: argparse.Namespace, setup: Setup | None, info: LogInfo, res
     if setup is None:
         has_joints = any(stream.names or stream.name == "joints" for stream in info.streams)
         robot = " --robot NAME" if has_joints else ""
-        return f"ftbias setup {log}{robot} -o setup.toml" + (" (--list shows the names)" if robot else "")
+        rate = " --rate HZ" if any(line.startswith("rate = ...") for line in info.keys) else ""
+        return f"ftbias setup {log}{robot}{rate} -o setup.toml" + (" (--list shows the names)" if robot else "")
     stated = f"{log} --setup {shlex.quote(arguments.setup)}"
     if info.poses:
         return f"ftbias identify {stated} -o identified.toml"

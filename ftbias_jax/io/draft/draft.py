@@ -186,7 +186,12 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
         keys |= stated_columns(table, joints)
     if left := left_to_choose(tables, timed=not static and "log.rate" not in stated):
         what = " and ".join(key.rpartition(".")[2] for key in left)
-        return keys | left, [f"which columns are {what} does not show by their names: fill in [log.columns]"], None
+        rate = ", or give --rate HZ if it has no stamps" if "log.columns.time" in left else ""
+        return (
+            keys | left,
+            [f"which columns are {what} does not show by their names: fill in [log.columns]{rate}"],
+            None,
+        )
 
     def read(further: Keys) -> tuple[Setup, Log]:
         text = write_template({**stated, **keys, **further})
