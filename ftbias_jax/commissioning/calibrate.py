@@ -61,13 +61,11 @@ class _Road(NamedTuple):
     """For what is needed next if the step that is judged meanwhile is kept."""
 
     def tool_ahead(self, setup: Setup) -> tuple[Setup, Future[IdentifyResult]]:
-        """Begin to identify the tool of a setup."""
-        return setup, self.worker.submit(identify_tool, setup, self.longest, unchecked=True)
-
-    def diagnosis_ahead(self, setup: Setup) -> None:
-        """Begin to compile what a diagnosis with a setup needs."""
+        """Begin to identify the tool of a setup, and then to compile what a diagnosis with it needs."""
+        found = self.worker.submit(identify_tool, setup, self.longest, unchecked=True)
         for prepare in programs_of_search(setup, self.begun):
             self.worker.submit(same_precision(prepare))
+        return setup, found
 
 
 class _State(NamedTuple):
@@ -208,8 +206,6 @@ def _with_causes(state: _State, road: _Road) -> _State:
             state = _tried(state, road, step, setup)
             if state.steps[-1].kept:
                 state = state._replace(beside=larger(state.beside, found.tool_stderr), ahead=ahead)
-    if state.ahead is not None and state.ahead[0] is state.setup:
-        road.diagnosis_ahead(state.setup)
     return state
 
 

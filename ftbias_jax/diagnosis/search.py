@@ -7,6 +7,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored, candidates, score
+from ftbias_jax.diagnosis.evidence.estimates import parameters
 from ftbias_jax.diagnosis.evidence.gap import (
     Judge,
     excess_by_channel,
@@ -72,7 +73,7 @@ class Search(NamedTuple):
         count = self._causes(accepted)
         left, settled = gap_of(self.problem, accepted), count <= 2
         if count > 1 and (LEAST_SIGMAS**2 if settled else 0) < left < NEARLY * gap_of(self.problem, self.start):
-            for other in other_firsts(rounds[0], accepted):
+            for other in filter(self._is_possible, other_firsts(rounds[0], accepted)):
                 self.progress("trying other pairs of causes")
                 first = [other, *(s for s in rounds[0] if s is not other)]
                 trial, trial_rounds = self._replace(progress=silent).grow([first], most=2)
@@ -126,7 +127,7 @@ class Search(NamedTuple):
         by_joints = nats_of_joints(self.problem) if _follows_motion(self.problem, effect.name) else 0.0
         if trial.nats <= max(LEAST_GAIN, by_joints) or not (sudden or gain > STEADY * stderr):
             return False
-        if not is_plausible(self.problem, accepted, trial.fit):
+        if not is_plausible(self.problem, accepted, trial.fit) or not self._is_possible(trial):
             return False
         if trial.hypothesis.local and not self.stands_out(accepted, trial.fit):
             return False
@@ -137,6 +138,11 @@ class Search(NamedTuple):
             return True
         slow = effect.stage == "bias" and not sudden
         return slow and self._removes_itself(threshold, accepted, trial.fit, held.error)
+
+    def _is_possible(self, trial: Scored) -> bool:
+        """Whether its parameters can be those of anything that exists."""
+        possible = self.problem.catalogue[trial.hypothesis.effect].fit.possible
+        return possible is None or possible(*parameters(self.problem, trial.fit, trial.hypothesis))
 
     def _removes_itself(self, threshold: Threshold, accepted: Fit, trial: Fit, unseen: np.ndarray) -> bool:
         """Whether a slow effect removes all that is left, and not the other causes, whose numbers moved on with it.

@@ -72,7 +72,10 @@ def faked(monkeypatch):
         def compiled_ahead(setup, logs):
             return nullcontext()
 
-        for fake in (judge, diagnose, with_causes, identify_tool, compiled_ahead):
+        def programs_of_search(setup, logs):
+            return ()
+
+        for fake in (judge, diagnose, with_causes, identify_tool, compiled_ahead, programs_of_search):
             monkeypatch.setattr(module, fake.__name__, fake)
         return calls
 

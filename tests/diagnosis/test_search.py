@@ -35,6 +35,15 @@ GAP = np.full(BINS, 2.0)
 FIRST_BLOCK = T < 2.0
 
 
+def test_parameters_that_nothing_can_have_are_no_cause(monkeypatch):
+    accepted, trial = fit_of(GAP), Scored(fit_of(GAP - 1.0, "tool_inertia"), 100.0)
+    search = search_of(accepted, lambda fit, reference: HeldOut(fit.error, 100.0, 200.0, 1.0))
+    for moment, earned in ((1.0, True), (-1.0, False)):
+        values = {"inertia": [moment, 0.0, 0.0, 1.0, 0.0, 1.0]}
+        monkeypatch.setattr(searching, "parameters", lambda *_, v=values: (v, {"inertia": [0.1] * 6}))
+        assert search.has_earned(Threshold(PROBLEM, 0.08**2), accepted, trial) is earned
+
+
 @pytest.mark.parametrize(
     ("why", "effect", "nats", "leaves", "held", "earned"),
     [

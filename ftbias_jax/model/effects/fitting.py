@@ -155,3 +155,5 @@ class Fitting(NamedTuple):
     """It can take nearly any shape, so that terms compete with it even where it explains a log."""
     told: Callable[[dict[str, Array], Any], dict[str, Array]] | None = None
     """(values, model) -> values that say the same in the usual form."""
+    possible: Callable[[dict[str, Any], dict[str, Any]], bool] | None = None
+    """(values, standard errors) -> whether anything that exists may have them; None = there always may."""

@@ -1,13 +1,20 @@
 """Effects of the tool stage: the tool is not what the setup says. Data-sheet values replace those of theta."""
 
+from typing import Any
+
+import numpy as np
+
 from ftbias_jax.model.effects.fitting import Fitting, Linear
 from ftbias_jax.model.effects.statements import amount, distance
 from ftbias_jax.model.effects.types import Effect, EffectValues, Parameter, Signals, Twin, within
 from ftbias_jax.model.wrench.inertia import about_center_of_mass, center_of_mass
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
+from ftbias_jax.setup.types import inertia_matrix
 from ftbias_jax.types import Array
 
 _MOMENTS = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+SURE = 2.0
+"""Standard errors below zero at which a moment of inertia is negative."""
 REMEDY = "weigh or re-measure the tool: ftbias identify"
 
 
@@ -27,6 +34,12 @@ def tool_inertia(values: EffectValues, signals: Signals) -> Signals:
     """Another inertia about the same centre of mass."""
     mass, center_of_mass, _ = about_center_of_mass(signals.model.theta)
     return _with_theta(signals, tool_parameters(mass, center_of_mass, values["inertia"]))
+
+
+def _of_a_body(values: dict[str, Any], stderr: dict[str, Any]) -> bool:
+    """Whether no principal moment of inertia is surely negative."""
+    moments = np.linalg.eigvalsh(inertia_matrix(np.asarray(values["inertia"])))
+    return bool(moments[0] > -SURE * np.max(stderr["inertia"]))
 
 
 def _with_theta(signals: Signals, theta: Array) -> Signals:
@@ -94,7 +107,7 @@ EFFECTS = (
         transform=tool_inertia,
         # Arms that turn the sensor swing it as well: what is not recorded of that reads as inertia.
         needs_motion="acceleration",
-        fit=Fitting(Linear()),
+        fit=Fitting(Linear(), possible=_of_a_body),
         twins=(Twin("tool_flexibility", False, "accelerate the wrist at several frequencies"),),
         statement=distance(
             "the tool's inertia departs from the setup's by {value}, mostly in {axis}",

@@ -1,6 +1,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ftbias_jax.errors import SetupError, UsageError
 from ftbias_jax.model.effects.catalogue import CATALOGUE, check_values, complete, values_from_setup
@@ -49,3 +50,19 @@ def test_omitted_values_are_neutral(model, panda):
     assert cable["link"] == 4  # the forearm of a seven-joint arm
     assert cable["stiffness"] == 0
     assert all(value.dtype == jnp.float64 for value in cable.values())
+
+
+@pytest.mark.parametrize(
+    ("moments", "stderr", "possible"),
+    [
+        ((2e-3, 2e-3, 1e-3), 1e-5, True),
+        ((0.0, 0.0, 0.0), 1e-5, True),  # a point mass
+        ((1e-3, -3e-4, 1e-3), 2e-4, True),  # by chance
+        ((1e-3, -5e-4, 1e-3), 2e-4, False),
+    ],
+)
+def test_no_body_has_a_negative_moment_of_inertia(moments, stderr, possible):
+    turn = Rotation.from_rotvec([0.3, -0.8, 0.5]).as_matrix()
+    inertia = (turn @ np.diag(moments) @ turn.T)[np.triu_indices(3)]
+    judge = CATALOGUE["tool_inertia"].fit.possible
+    assert judge({"inertia": inertia.tolist()}, {"inertia": np.full(6, stderr).tolist()}) is possible
