@@ -56,13 +56,12 @@ class _Road(NamedTuple):
     names: Sequence[str]
     hold_out: float
     progress: Callable[[str], None]
-    longest: Log
     worker: ThreadPoolExecutor
     """For what is needed next if the step that is judged meanwhile is kept."""
 
     def tool_ahead(self, setup: Setup) -> tuple[Setup, Future[IdentifyResult]]:
         """Begin to identify the tool of a setup, and then to compile what a diagnosis with it needs."""
-        found = self.worker.submit(identify_tool, setup, self.longest, unchecked=True)
+        found = self.worker.submit(identify_tool, setup, longest(self.begun), unchecked=True)
         for prepare in programs_of_search(setup, self.begun):
             self.worker.submit(same_precision(prepare))
         return setup, found
@@ -139,7 +138,7 @@ def calibrate(
     begun = [without_end(log, hold_out) for log in logs]
     start = with_loose_tool(setup)
     with ThreadPoolExecutor(1) as worker:
-        first, state = _walked(_Road(whole, begun, names, hold_out, progress, longest(begun), worker), setup, start)
+        first, state = _walked(_Road(whole, begun, names, hold_out, progress, worker), setup, start)
     if state.unmoved is not None:
         state = state._replace(setup=as_uncertain(replace(state.setup, tool=state.unmoved), state.beside))
     rows = {GIVEN: first.judged} | ({CALIBRATED: state.judged} if state.setup is not start else {})
@@ -152,8 +151,7 @@ def calibrate(
             final = repeated
     if bias:
         progress("taking the bias of the longest log")
-        found = identify_tool(final, longest(logs), bias=True, unchecked=True)
-        final = replace(final, bias=found.setup.bias)
+        final = replace(final, bias=identify_tool(final, longest(logs), bias=True, unchecked=True).setup.bias)
     repairs = tuple(log.repairs for log in whole)
     return Calibrated(final, state.steps, rows, state.found, repairs, time.monotonic() - begin)
 
@@ -218,7 +216,7 @@ def _with_tool(state: _State, road: _Road, kinds: Sequence[str]) -> _State:
             if state.ahead is not None and state.ahead[0] is state.setup and not crosstalk:
                 found = state.ahead[1].result()
             else:
-                found = identify_tool(state.setup, road.longest, crosstalk=crosstalk, unchecked=True)
+                found = identify_tool(state.setup, longest(road.begun), crosstalk=crosstalk, unchecked=True)
         except FtbiasError as error:
             return _refused(state, kind, kind, str(error))
         if why := nothing_found(found, crosstalk):
