@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ftbias_jax.diagnosis.evidence.forms import spread_by_other_forms
 from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis, Slow, moments, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.entries import entries_of, whole_matrix
@@ -38,7 +39,7 @@ def parameters(
     """Values and standard errors of one hypothesis of a fit, in the units of the catalogue.
 
     With ``either``, what is found beside a matrix is the less certain the more it differs where few of its entries are
-    told, or all.
+    told, or all; and beside other effects, the more it moves where these have another form.
     """
     few = entries_of(problem, fit)
     if few is not None and not hypothesis.shapes:
@@ -63,7 +64,8 @@ def parameters(
         of_time = next((float(stderr) for h, stderr in zip(slow, of_times, strict=True) if h is hypothesis), 0.0)
         return _of_series(problem, fit, hypothesis, of_series, of_time)
     own = [fit.free.index(i) for i in hypothesis.free]
-    return _of_coordinates(problem, fit, hypothesis, spread[np.ix_(own, own)])
+    by_forms = spread_by_other_forms(problem, fit, hypothesis) if either else 0.0
+    return _of_coordinates(problem, fit, hypothesis, spread[np.ix_(own, own)] + by_forms)
 
 
 def form_error(problem: Problem, effect: str) -> float:
