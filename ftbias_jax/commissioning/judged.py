@@ -238,7 +238,7 @@ def _of_end(result: FilterResult, log: Log, hold_out: float) -> Judged:
 
     used = _used(result)
     fitted = (result.t < result.t[np.argmax(used)] + TARE, result.t < begin)
-    constant = np.stack([errors_of_constant_bias(result, rows) for rows in fitted])
+    constant = np.stack([errors_of_constant_bias(result, seen) for seen in fitted])
     ahead, inside = _errors(result)
     share = (t[rows] - begin) / max(float(t[-1] - begin), 1e-9)
     stretch = np.minimum((STRETCHES * share).astype(int), STRETCHES - 1)
