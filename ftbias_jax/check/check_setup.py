@@ -186,8 +186,7 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
         found += of_bias(base)
     worse = tool_is_stated and findings.worse_than_raw(first) and not _is_right_where_untouched(first)
     if worse and not found and not is_pulled(first):
-        remedy = "check tool, signs, units and frames of the setup: what is wrong is not on the list of this check"
-        found.append(Mistake("worse_than_raw", numbers(first, first.result), remedy))
+        found.append(findings.as_stated(first))
     kinds = {kind.mistake for mistake in found for kind in (mistake, *mistake.alike)}
     unseen = tuple(kind for kind in undetermined(base, tool_is_stated=tool_is_stated) if kind.mistake not in kinds)
     return Check(tuple(found), {**numbers(first, first.result), "worse_than_raw": worse}, setup.path, unseen)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ftbias_jax.check.contact import ZERO, zeroed_on_the_way
-from ftbias_jax.check.judge import ABSENT, GOOD, Evidence, Tried, decisively, score
+from ftbias_jax.check.judge import ABSENT, BAD, GOOD, Evidence, Tried, decisively, score
 from ftbias_jax.check.mounts import LEAST_TURN
 from ftbias_jax.check.regression import squares, without_bias
 from ftbias_jax.check.result import Mistake
@@ -37,6 +37,15 @@ def worse_than_raw(base: Evidence) -> bool:
     """Whether the tool exactly as stated leaves more of force or torque than no tool would."""
     absent = [share.clear and share.value + 3 * share.stderr < 0.5 for share in base.shares]
     return bool((absent & (base.exact > WORSE * base.raw)).any())
+
+
+def as_stated(base: Evidence) -> Mistake:
+    """That the tool as stated is worse than none: another tool explains it, or nothing that is known here."""
+    remedy = "check tool, signs, units and frames of the setup: what is wrong is not on the list of this check"
+    mended_by: tuple[str, ...] = ("identify",)
+    if base.free is not None and (base.free.square < BAD * base.raw).all():
+        remedy, mended_by = "another tool explains the reading: ftbias identify", ("identify", "diagnose", "calibrate")
+    return Mistake("worse_than_raw", numbers(base, base.result), remedy, mended_by=mended_by)
 
 
 def absence(base: Evidence) -> Iterator[Mistake]:

@@ -33,8 +33,6 @@ MISTAKES: Mapping[str, str] = {
 """Every mistake that is recognised, and what it is."""
 MOST_TOLD = 4
 """Mistakes told beside one that a log does not tell from it."""
-NOT_FOR = {"identify": ("worse_than_raw",)}
-"""Mistakes that a command can do with: it is there to mend them."""
 
 
 class Undetermined(NamedTuple):
@@ -60,6 +58,8 @@ class Mistake:
     """Dotted keys with the values that mend it, where a setup can."""
     harmless: bool = False
     """Whether results are right all the same, if less sure than they could be."""
+    mended_by: tuple[str, ...] = ()
+    """Commands that can do with it, because they are there to mend it."""
     alike: tuple[Mistake, ...] = ()
     """What would explain the logs as well: their motion does not tell it from this mistake."""
 
@@ -112,13 +112,15 @@ class Check:
             SetupError: the setup is wrong, and says what to write into it.
             LogError: the log has other units or conventions than the setup can state.
         """
-        bad = [f for f in self.findings if not f.harmless and f.mistake not in {*NOT_FOR.get(command, ()), *looked_for}]
+        bad = [
+            f for f in self.findings if not f.harmless and command not in f.mended_by and f.mistake not in looked_for
+        ]
         if not bad:
             return
         first = bad[0]
         kind: type[FtbiasError] = SetupError if first.setup else LogError
-        worse = ", and the model makes the reading worse than doing nothing" if self.worse_than_raw else ""
-        message = f"{MISTAKES[first.mistake]}{worse}"
+        worse = self.worse_than_raw and first.mistake != "worse_than_raw"
+        message = MISTAKES[first.mistake] + f", and {MISTAKES['worse_than_raw']}" * worse
         remedy = "; ".join(finding.told for finding in bad)
         raise kind(message, file=self.setup_path, field=first.mistake, remedy=f"{remedy}; --unchecked goes on anyway")
 
