@@ -118,6 +118,7 @@ def measure_growth(t: np.ndarray, squares: np.ndarray, speed: np.ndarray, sample
         at = _likeliest_speed(drives, squares)
         bent = judge_variance(drives(at), squares, block, share)
         found, most = (bent, at) if _is_better(bent, plain) else (plain, None)
+    found = found._replace(weights=np.where(found.better, _alike(found, squares), found.weights))
     stderr, speed_error = _standard_errors(found, most, squares, block)
     variance, error = np.zeros((2, len(mean), squares.shape[1]))
     variance[moving], error[moving] = found.weights[1:], np.where(found.better, stderr[1:], 0)
@@ -134,6 +135,15 @@ def measure_growth(t: np.ndarray, squares: np.ndarray, speed: np.ndarray, sample
         speed_error,
         np.sqrt(plain.weights[0] / found.weights[0]),
     )
+
+
+def _alike(found: VarianceFit, squares: np.ndarray) -> np.ndarray:
+    """(d, k) weights that a log leaves open, of joints that hardly move, no larger than those of the others need be.
+
+    A log in which these joints move would otherwise have all of the noise that chance gave them.
+    """
+    size = squares.mean(0) / found.design[:, 1:].sum(1).mean()
+    return fit_variance(found.design, squares, expected=size)
 
 
 def _visible(found: VarianceFit, fastest: np.ndarray) -> float:

@@ -77,7 +77,9 @@ def _held_out_gains(design: np.ndarray, squares: np.ndarray, block: np.ndarray) 
     return sum_of_bins(block, gain)
 
 
-def fit_variance(design: np.ndarray, squares: np.ndarray, rounds: int = ROUNDS) -> np.ndarray:
+def fit_variance(
+    design: np.ndarray, squares: np.ndarray, rounds: int = ROUNDS, expected: np.ndarray | None = None
+) -> np.ndarray:
     """Weights (d, k), none negative, of the most likely variance ``design @ weights`` of normal noise.
 
     Every step multiplies each weight by the ratio of the two parts of its derivative, so that signs never change;
@@ -88,6 +90,7 @@ def fit_variance(design: np.ndarray, squares: np.ndarray, rounds: int = ROUNDS) 
         design: (N, d) not negative, the first column ones.
         squares: (N, k) of the noise.
         rounds: at most.
+        expected: (k,) mean of an exponential prior of every weight but the first; None = any are as likely.
     """
     size, mean = design.mean(0), squares.mean(0)
     weights: np.ndarray = np.outer(1 / size, mean) / len(size)
@@ -95,6 +98,7 @@ def fit_variance(design: np.ndarray, squares: np.ndarray, rounds: int = ROUNDS) 
     drives, seen = np.ascontiguousarray(design.T), np.ascontiguousarray(squares.T)
     parts = np.empty((2, *seen.shape))
     raising, lowering = parts
+    prior = np.zeros_like(weights.T) if expected is None else np.outer(2 / expected, np.arange(len(size)) > 0)
 
     def stepped(weights: np.ndarray) -> np.ndarray:
         np.matmul(weights.T, drives, out=lowering)
@@ -103,7 +107,7 @@ def fit_variance(design: np.ndarray, squares: np.ndarray, rounds: int = ROUNDS) 
         np.minimum(raising, FAR_SQUARES, out=raising)
         np.multiply(raising, lowering, out=raising)
         up, down = parts @ design
-        return weights * (up / down).T
+        return weights * (up / (down + prior)).T
 
     for _ in range(rounds):
         once = stepped(weights)

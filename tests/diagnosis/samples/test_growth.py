@@ -29,18 +29,30 @@ def measure(t, squares, speed):
     return measure_growth(t, squares, speed, len(t))
 
 
-def test_the_fit_is_the_maximum_of_the_likelihood():
+@pytest.mark.parametrize("expected", [None, 0.01])
+def test_the_fit_is_the_maximum_of_the_likelihood_and_of_the_prior(expected):
     _, speed, white = moving_log(1, 800)
     design = np.column_stack([np.ones(len(speed)), speed**2])
     squares = growing(speed, np.clip(white, -2.5, 2.5))[:, :1]  # nothing that the fit would take for an event
 
     def loss(x):
         variance = design @ np.exp(x)
-        return (np.log(variance) + squares[:, 0] / variance).sum()
+        prior = 2 * np.exp(x[1:]).sum() / expected if expected else 0.0
+        return (np.log(variance) + squares[:, 0] / variance).sum() + prior
 
     best = min((minimize(loss, np.log([0.02, a, b, c])) for a in (0.1, 1e-4) for b in (0.1, 1e-4) for c in (0.1, 1e-4)),
                key=lambda result: result.fun)  # fmt: skip
-    assert loss(np.log(fit_variance(design, squares)[:, 0])) <= best.fun + 0.01
+    found = fit_variance(design, squares, expected=np.array([expected]) if expected else None)
+    assert loss(np.log(found[:, 0])) <= best.fun + 0.01
+
+
+def test_a_joint_that_hardly_moves_is_not_told_to_shake_more_than_the_one_that_moves():
+    t, speed, white = moving_log(4)
+    both = np.column_stack([speed[:, 0], 0.05 * speed[:, 0]])  # what either of them does the other would do as well
+    found = measure(t, (REST + both[:, :1] ** 2 @ SLOPE[1:2]) * white**2, both)
+    assert found.detected
+    assert (found.variance[1] < SLOPE[1]).all()
+    np.testing.assert_allclose(found.variance[0], SLOPE[1], rtol=0.2)
 
 
 def test_growth_comes_back_within_its_errors_in_nineteen_of_twenty():
