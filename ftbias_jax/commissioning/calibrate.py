@@ -60,11 +60,8 @@ class _Road(NamedTuple):
     """For what is needed next if the step that is judged meanwhile is kept."""
 
     def tool_ahead(self, setup: Setup) -> tuple[Setup, Future[IdentifyResult]]:
-        """Begin to identify the tool of a setup, and then to compile what a diagnosis with it needs."""
-        found = self.worker.submit(identify_tool, setup, longest(self.begun), unchecked=True)
-        for prepare in programs_of_search(setup, self.begun):
-            self.worker.submit(same_precision(prepare))
-        return setup, found
+        """Begin to identify the tool of a setup."""
+        return setup, self.worker.submit(identify_tool, setup, longest(self.begun), unchecked=True)
 
 
 class _State(NamedTuple):
@@ -201,6 +198,8 @@ def _with_causes(state: _State, road: _Road) -> _State:
             step = Step(kind, f"{kind[:-1]}: {', '.join(named)}", True, "", tuple(parts))
             setup = with_causes(state.setup, found.causes, terms)
             ahead = road.tool_ahead(setup)
+            for prepare in programs_of_search(setup, road.begun):  # for the diagnosis that follows
+                road.worker.submit(same_precision(prepare))
             state = _tried(state, road, step, setup)
             if state.steps[-1].kept:
                 state = state._replace(beside=larger(state.beside, found.tool_stderr), ahead=ahead)

@@ -168,7 +168,7 @@ def rows_of(log: Log, first: int, count: int) -> dict[str, Array]:
 
 
 def padded_length(length: int) -> int:
-    """Length to pad to, so that logs of similar length share one program: a power of two, or pieces of that length."""
+    """Length to pad to, so that logs of similar length share one program: a power of two, or a multiple of PIECE."""
     largest = PIECE if length <= FEW_PIECES * PIECE else 2 * PIECE
     piece = min(largest, 1 << (length - 1).bit_length())
     return piece * -(-length // piece)

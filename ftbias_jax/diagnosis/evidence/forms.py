@@ -9,7 +9,7 @@ import numpy as np
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.design_matrix import information, products
-from ftbias_jax.diagnosis.regression.evaluate import over_bins, readings, whitened
+from ftbias_jax.diagnosis.regression.evaluate import over_bins, whitened, with_and_without
 from ftbias_jax.diagnosis.regression.fit import Fit
 
 
@@ -18,8 +18,8 @@ def spread_by_other_forms(problem: Problem, fit: Fit, h: Hypothesis) -> np.ndarr
 
     Both by what the log leaves open of these forms, and by how far those that it shows move the coordinates.
     """
-    catalogue = problem.catalogue  # a tool is a rigid body, whatever its numbers
-    others = [x for x in fit.hypotheses if x is not h and x.free and catalogue[x.effect].stage != "tool"]
+    # A tool is a rigid body, whatever its numbers.
+    others = [x for x in fit.hypotheses if x is not h and x.free and problem.catalogue[x.effect].stage != "tool"]
     if not others:
         return np.zeros((len(h.free), len(h.free)))
     forms = np.concatenate([_other_forms(problem, fit, other) for other in others])
@@ -33,9 +33,7 @@ def spread_by_other_forms(problem: Problem, fit: Fit, h: Hypothesis) -> np.ndarr
 
 def _other_forms(problem: Problem, fit: Fit, h: Hypothesis) -> np.ndarray:
     """(M, U, 6) whitened changes of the readings, each as large as what the hypothesis does."""
-    z = np.stack([fit.z, fit.z])
-    z[1, list(h.free)] = 0
-    with_it, without = readings(problem, z)
+    with_it, without = with_and_without(problem, fit.z, h.free)
     acts = with_it - without
     rate = np.zeros_like(acts)
     for log in range(len(problem.parts)):

@@ -11,7 +11,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, movable, search_of
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.evaluate import readings, whitened
+from ftbias_jax.diagnosis.regression.evaluate import whitened, with_and_without
 from ftbias_jax.diagnosis.regression.fit import Fit, covariance, fit, undamped
 from ftbias_jax.diagnosis.thresholds import CLOSE, ENTRY_STD, LIKE_A_ROTATION, NATS_PER_DEGREE
 from ftbias_jax.model.effects.fitting import Entries
@@ -93,9 +93,7 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
 
 def share_of_gains(problem: Problem, found: Fit, h: Hypothesis) -> float:
     """Share of what leaks do to the innovations that another gain of every channel does as well."""
-    z = np.stack([found.z, found.z])
-    z[1, list(h.free)] = 0
-    with_it, load = readings(problem, z)
+    with_it, load = with_and_without(problem, found.z, h.free)
     leaked, *scaled = whitened(problem, np.concatenate([[with_it - load], load * np.eye(6)[:, None]]))
     columns = np.reshape(scaled, (6, -1)).T
     left = leaked.ravel() - columns @ np.linalg.lstsq(columns, leaked.ravel())[0]

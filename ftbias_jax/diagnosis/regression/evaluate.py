@@ -41,6 +41,13 @@ def readings(problem: Problem, z: np.ndarray) -> np.ndarray:
     return np.concatenate([of_log(part) for part in problem.parts], axis=1)
 
 
+def with_and_without(problem: Problem, z: np.ndarray, free: Sequence[int]) -> np.ndarray:
+    """(2, U, 6) N, Nm: readings at z (P,), and where some of its coordinates are neutral."""
+    both = np.stack([z, z])
+    both[1, list(free)] = 0
+    return readings(problem, both)
+
+
 def slopes(problem: Problem, z: np.ndarray, places: Sequence[int]) -> np.ndarray:
     """(F, U, 6) N, Nm: derivatives of the reading at z (P,) by the coordinates at these places, within their bounds."""
     at, row = np.array(places), np.arange(len(places))

@@ -187,11 +187,8 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
     if left := left_to_choose(tables, timed=not static and "log.rate" not in stated):
         what = " and ".join(key.rpartition(".")[2] for key in left)
         rate = ", or give --rate HZ if it has no stamps" if "log.columns.time" in left else ""
-        return (
-            keys | left,
-            [f"which columns are {what} does not show by their names: fill in [log.columns]{rate}"],
-            None,
-        )
+        words = f"which columns are {what} does not show by their names: fill in [log.columns]{rate}"
+        return keys | left, [words], None
 
     def read(further: Keys) -> tuple[Setup, Log]:
         text = write_template({**stated, **keys, **further})

@@ -103,7 +103,7 @@ def test_leaks_are_gains_where_force_and_torque_go_together(monkeypatch, force_a
     load = np.concatenate([force, torque], 1)
     leaked = np.zeros((200, 6))
     leaked[:, 0] = 0.5 * torque[:, 1]
-    monkeypatch.setattr(entries, "readings", lambda problem, z: np.stack([load + leaked, load]))
+    monkeypatch.setattr(entries, "with_and_without", lambda problem, z, free: np.stack([load + leaked, load]))
     monkeypatch.setattr(entries, "whitened", lambda problem, columns: columns)
     found = SimpleNamespace(z=np.ones(4))
     share = entries.share_of_gains(PROBLEM, found, Hypothesis("crosstalk", (0, 1)))
