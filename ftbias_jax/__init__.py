@@ -19,10 +19,11 @@
     sensor = ft.sensor_model(setup)                     # its errors, step by step, for any simulator
     setup = ft.setup_with(setup, params)                # params that a program of your own made likelier
 
-The verbs compute in float64 whatever JAX's setting is, give numpy arrays back, and leave JAX's settings as they are but
-for one: compiled programs are kept in ``~/.cache/ftbias`` from the first verb on, unless JAX has a cache already or the
-environment says ``FTBIAS_CACHE=off``. What is part of your own programs (``params_for_log``, ``samples_from_log``,
-``filter_samples``, ``log_likelihood``, ``unconstrain``, ``constrain``) is plain JAX in JAX's own precision.
+For a setup, or a log, verbs also take the path of its file. They compute in float64 whatever JAX's setting is, give
+numpy arrays back, and leave JAX's settings as they are but for one: compiled programs are kept in ``~/.cache/ftbias``
+from the first verb on, unless JAX has a cache already or the environment says ``FTBIAS_CACHE=off``. What is part of
+your own programs (``params_for_log``, ``samples_from_log``, ``filter_samples``, ``log_likelihood``, ``unconstrain``,
+``constrain``) is plain JAX in JAX's own precision.
 
 Names are imported when they are first used, so importing this package imports neither JAX nor numpy.
 """

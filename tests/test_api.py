@@ -201,8 +201,31 @@ def test_a_diagnosis_mends_the_setup_and_writes_its_report(setup, make_diagnosis
     assert '"verdict": "explained"' in (tmp_path / "report.json").read_text(encoding="utf-8")
 
 
+ONE, MANY = ("filter_log", "identify_tool"), ("check_setup", "diagnose", "calibrate", "tune", "diagnose_pooled")
+NO_LOGS = [(object(), "object"), ([np.zeros((9, 6))], "ndarray"), ({"t": np.zeros(9)}, "dict")]
+
+
+@pytest.mark.parametrize("verb", [*ONE, *MANY])
+def test_what_is_neither_setup_nor_log_nor_a_path_is_said(verb, setup):
+    with pytest.raises(ft.UsageError, match=r"^setup: got dict \(give what ft.load_setup reads, or the path"):
+        getattr(ft, verb)({}, ["log.npz"])
+    for given, kind in NO_LOGS[2:] if verb == "filter_log" else NO_LOGS[0:1] if verb in ONE else NO_LOGS[1:]:
+        with pytest.raises(ft.UsageError, match=f"^logs: got {kind} "):
+            getattr(ft, verb)(setup, given)
+
+
+def test_paths_stand_for_what_they_name(setup, made, tmp_path):
+    (tmp_path / "setup.toml").write_text(small_archive.SETUP, encoding="utf-8")
+    made.save(tmp_path / "log.npz")
+    paths = tmp_path / "setup.toml", tmp_path / "log.npz"
+    assert str(ft.check_setup(*paths)) == str(ft.check_setup(setup, [made.log]))
+    assert str(ft.identify_tool(*paths)) == str(ft.identify_tool(setup, made.log))
+    assert str(ft.filter_log(*paths, as_stated=True)) == str(ft.filter_log(setup, made.log, as_stated=True))
+    assert str(ft.simulate(paths[0], duration=1)) == str(ft.simulate(setup, duration=1))
+
+
 def test_what_cannot_be_diagnosed_is_said(setup, made):
-    with pytest.raises(ft.UsageError, match="got 0 logs"):
+    with pytest.raises(ft.UsageError, match="there is no log"):
         ft.diagnose(setup, [])
     with pytest.raises(ft.UsageError, match="did you mean 'tool_mass'"):
         ft.diagnose(setup, [made.log], without=["tool_mas"])

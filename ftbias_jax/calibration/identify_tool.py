@@ -18,11 +18,13 @@ from ftbias_jax.filtering import params_for_log
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.quality.at_rest import require_motion
 from ftbias_jax.filtering.samples import pad, samples_from_log
+from ftbias_jax.io import GivenMotion, as_motion
 from ftbias_jax.io.cleaning import without_long_pauses
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
+from ftbias_jax.setup import GivenSetup, as_setup
 from ftbias_jax.setup.require import NOT_STATED, guessed_parameters, with_guessed_tool
 from ftbias_jax.setup.rotations import rotation_from_vector
 from ftbias_jax.setup.types import BiasSetup, Setup
@@ -102,8 +104,8 @@ class IdentifyResult:
 
 @in_float64
 def identify_tool(
-    setup: Setup,
-    log: Log | Poses,
+    setup: GivenSetup,
+    log: GivenMotion,
     *,
     mounting: bool = False,
     gravity: bool = False,
@@ -119,8 +121,10 @@ def identify_tool(
     (``FTBIAS_CACHE=off`` does not).
 
     Args:
-        setup: robot, sensor, noise, and a tool to start from; its mass and centre of mass may be left out.
-        log: of free motion that turns the wrist, as ``read_log`` gives it; or readings at rest, as ``read_poses`` does.
+        setup: robot, sensor, noise, and a tool to start from, or its path; the tool's mass and centre of mass may be
+            left out.
+        log: of free motion that turns the wrist, as ``read_log`` gives it; or readings at rest, as ``read_poses`` does;
+            or the path of either.
         mounting: also find how the sensor is turned on the flange, by any angle.
         gravity: also find the direction of gravity in the base frame; its size is kept.
         bias: also put the bias, with its standard error, into the setup: the prior of logs that are recorded next, as
@@ -139,6 +143,8 @@ def identify_tool(
             that no setup states, or of an arm at rest.
         UsageError: crosstalk is asked of static poses.
     """
+    setup = as_setup(setup)
+    log = as_motion(log, setup)
     if not isinstance(log, Poses):
         require_motion(setup, log)
     report, channels, steady, steps = None, None, None, tuple[Step, ...]()

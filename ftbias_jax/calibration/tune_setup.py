@@ -1,6 +1,6 @@
 """The verb ``tune``: a setup with the likeliest noise of logs, judged on what it has not seen."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
@@ -30,12 +30,13 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import params_for_log
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import arrays_from_log
-from ftbias_jax.io.log import Log, as_list
+from ftbias_jax.io import GivenLog, as_logs
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.setup import GivenSetup, Setup, as_setup
 from ftbias_jax.setup.require import require_one_robot
-from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Sample
 
 FIT = ("joints", "bias", "sensor", "data")
@@ -52,13 +53,13 @@ def _nobody(label: str, iteration: int, value: float) -> None:
 
 @in_float64
 def tune(
-    setup: Setup,
-    logs: Sequence[Log],
+    setup: GivenSetup,
+    logs: GivenLog | Iterable[GivenLog],
     *,
     fit: Collection[str] = FIT_BY_DEFAULT,
     tie: str = "each",
     data_noise: str = "one",
-    others: Sequence[tuple[Setup, Sequence[Log]]] = (),
+    others: Sequence[tuple[GivenSetup, Iterable[GivenLog]]] = (),
     restarts: int = 1,
     hold_out: float = 0.25,
     start: Log | None = None,
@@ -74,8 +75,8 @@ def tune(
     (``FTBIAS_CACHE=off`` does not).
 
     Args:
-        setup: robot, sensor, tool, and noise to start from.
-        logs: of one robot and sensor, as ``read_log`` gives them.
+        setup: robot, sensor, tool, and noise to start from, or its path.
+        logs: of one robot and sensor, as ``read_log`` gives them, or their paths.
         fit: some of FIT; with "data" the noise of bias, sensor and motion is fitted together, by its gradient.
         tie: whether sigma_Q and the sensor's noise have a value for "each" axis, for a "pair" of forces and torques, or
             "one" for all.
@@ -98,9 +99,9 @@ def tune(
         SetupError: a further setup differs in more than its tool and the prior of its bias; or a setup is wrong, as its
             logs show. LogError: the logs are in units or frames that no setup states.
     """
-    setup, logs = setup.with_effects(effects), as_list(logs)
-    others = [(other.with_effects(effects), their_logs) for other, their_logs in others]
-    tools = [(setup, logs), *others]
+    given = [(as_setup(each, effects), its_logs) for each, its_logs in ((setup, logs), *others)]
+    tools = [(each, as_logs(its_logs, each)) for each, its_logs in given]
+    setup, logs = tools[0]
     _check(tools, fit, tie, data_noise, hold_out, total)
     for each, its_logs in tools:
         require_right(each, its_logs, "tune", unchecked)
@@ -108,7 +109,7 @@ def tune(
     # Of what is fitted alone: a setup that had seen the rest could not be beaten there.
     seen_first = _part(arrays_from_log(start or logs[0]), 0, 1 - hold_out)
     first = params_for_log.likeliest_params(setup, seen_first, options)
-    stated = [first, *(params_from_setup(other)._replace(joint=first.joint) for other, _ in others)]
+    stated = [first, *(params_from_setup(other)._replace(joint=first.joint) for other, _ in tools[1:])]
     samples = [
         [params_for_log.useful_samples(log, params) for log in logs_of_tool]
         for params, (_, logs_of_tool) in zip(stated, tools, strict=True)
@@ -189,8 +190,6 @@ def _check(
     hold_out: float,
     total: newton.Total,
 ) -> None:
-    if not all(logs for _, logs in tools):
-        raise UsageError("there is no log to tune to", field="logs", remedy="give at least one")
     for other, _ in tools[1:]:
         require_one_robot(tools[0][0], other)
     if len(tools) > 1 and "data" not in fit:

@@ -1,7 +1,6 @@
 """The verb ``check_setup``: mistakes of content in a setup, recognised from logs before anything is computed."""
 
-import os
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
@@ -20,14 +19,11 @@ from ftbias_jax.check.result import Check, Mistake
 from ftbias_jax.check.state import FEWEST, Case, State, case_of_bins, stated
 from ftbias_jax.check.undetermined import all_undetermined, undetermined
 from ftbias_jax.errors import LogError, UsageError
-from ftbias_jax.io import read_motion
-from ftbias_jax.io.log import Log, as_list
-from ftbias_jax.io.remote import from_anywhere
+from ftbias_jax.io import GivenMotion, as_motion, each_of
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.setup import GivenSetup, Setup, as_setup
 
-Source = Log | Poses | str | os.PathLike[str]
-"""A log, static poses, or the path of either."""
 MOST_MISTAKES = 2
 """That are looked for beside those of a recorded pose; the second one with the first one mended."""
 PART, MOST_PARTS = 1 << 17, 16
@@ -44,7 +40,9 @@ POSE_TIE = 0.1
 """Difference of scores within which two conventions of a pose do equally well."""
 
 
-def check_setup(setup: Setup, logs: Sequence[Source], *, executor: Executor | None = None) -> Check:
+def check_setup(
+    setup: GivenSetup, logs: GivenMotion | Iterable[GivenMotion], *, executor: Executor | None = None
+) -> Check:
     """Whether a setup can be right, as far as logs show it: signs, units, frames, gravity, an offset.
 
     The wrench is fitted by least squares with the bias free, once as the setup states and once with each of a list of
@@ -53,7 +51,7 @@ def check_setup(setup: Setup, logs: Sequence[Source], *, executor: Executor | No
     does not need JAX.
 
     Args:
-        setup: what the robot's owner believes.
+        setup: what the robot's owner believes, or its path.
         logs: of this robot, sensor and tool, as ``read_log`` gives them, or static poses, as ``read_poses`` does; or
             their paths.
         executor: whose workers read the logs of several and take from them what the check needs, as of ``filter_log``.
@@ -61,16 +59,16 @@ def check_setup(setup: Setup, logs: Sequence[Source], *, executor: Executor | No
     Raises:
         UsageError: there is no log, or logs of motion and static poses are mixed. LogError: one cannot be read.
     """
-    logs = as_list(logs)
+    setup, logs = as_setup(setup), list(each_of(logs))
     if not logs:
         raise UsageError("there is no log to check", field="logs", remedy="give at least one")
-    alone = [_read(logs[0], setup)] if len(logs) == 1 else []
+    alone = [as_motion(logs[0], setup)] if len(logs) == 1 else []
     if executor is None or alone:
         read = [_in_bins(setup, log) for log in alone or logs]
     else:
         from ftbias_jax.runtime.many import do_all
 
-        read = do_all(partial(_in_bins, setup), map(from_anywhere, logs), executor)
+        read = do_all(partial(_in_bins, setup), each_of(logs, executor), executor)
     bins, are_poses = zip(*read, strict=True)
     if len(set(are_poses)) > 1:
         remedy = "check each kind by itself"
@@ -79,13 +77,9 @@ def check_setup(setup: Setup, logs: Sequence[Source], *, executor: Executor | No
     return stamped(check, setup, alone[0]) if alone else check  # times of several logs differ
 
 
-def _read(source: Source, setup: Setup) -> Log | Poses:
-    return source if isinstance(source, Log | Poses) else read_motion(source, setup)
-
-
-def _in_bins(setup: Setup, source: Source) -> tuple[Bins, bool]:
+def _in_bins(setup: Setup, log: GivenMotion) -> tuple[Bins, bool]:
     """A log in bins, and whether it is one of static poses."""
-    log = _read(source, setup)
+    log = as_motion(log, setup)
     return bins_of(log, setup), isinstance(log, Poses)
 
 

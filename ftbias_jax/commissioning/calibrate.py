@@ -5,7 +5,7 @@ stays if the setup with it predicts the readings of the end better, 1 s and 10 s
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from types import MappingProxyType
@@ -24,13 +24,15 @@ from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead, programs_of_search
 from ftbias_jax.diagnosis.result import Diagnosis
 from ftbias_jax.errors import FtbiasError, UsageError
+from ftbias_jax.io import GivenLog, as_logs, names_of
 from ftbias_jax.io.cleaning import clean
-from ftbias_jax.io.log import Log, as_list
+from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.runtime.jax_config import in_float64, same_precision
 from ftbias_jax.runtime.progress import silent
+from ftbias_jax.setup import GivenSetup, as_setup
 from ftbias_jax.setup.types import COMPENSATED, Setup, ToolSetup
 from ftbias_jax.types import Array
 
@@ -94,8 +96,8 @@ class _State(NamedTuple):
 
 @in_float64
 def calibrate(
-    setup: Setup,
-    logs: Sequence[Log],
+    setup: GivenSetup,
+    logs: GivenLog | Iterable[GivenLog],
     names: Sequence[str] = (),
     *,
     bias: bool = False,
@@ -111,9 +113,9 @@ def calibrate(
     in the user's cache folder (``FTBIAS_CACHE=off`` does not).
 
     Args:
-        setup: robot, sensor and noise; its tool may be a draft, or not be stated.
-        logs: of free motion of one robot, sensor and tool, best as recorded (``read_log(..., raw=True)``).
-        names: of the logs, for the report; () = "log 1", "log 2", ...
+        setup: robot, sensor and noise, or its path; its tool may be a draft, or not be stated.
+        logs: of free motion of one robot, sensor and tool, or their paths; best as recorded, as of ``diagnose``.
+        names: of the logs, for the report, as of ``diagnose``.
         bias: also put the bias at the end of the longest log into the setup, as the prior of logs recorded next.
         hold_out: share at the end of each log by which steps are judged, 0.1 to 0.9.
         unchecked: do not look first whether the setup can be right (``check_setup``).
@@ -123,15 +125,14 @@ def calibrate(
         UsageError: no log, or an impossible share. SetupError, LogError: the logs show a mistake of units, signs or
             frames, or cannot be filtered.
     """
-    begin, logs = time.monotonic(), as_list(logs)
-    if not logs:
-        raise UsageError("there is no log to calibrate with", field="logs", remedy="give at least one")
+    begin, setup = time.monotonic(), as_setup(setup)
+    logs = as_logs(logs, setup, raw=True)
     if not 0.1 <= hold_out <= 0.9:
         raise UsageError(f"got {hold_out!r}", field="hold_out", remedy="give a share from 0.1 to 0.9")
     progress("checking the setup")
     whole = [clean(log) for log in logs]
     require_right(setup, whole, "calibrate", unchecked)
-    names = names or [f"log {i}" for i in range(1, len(logs) + 1)]
+    names = names or names_of(logs)
     begun = [without_end(log, hold_out) for log in logs]
     start = with_loose_tool(setup)
     with ThreadPoolExecutor(1) as worker:

@@ -10,10 +10,10 @@ from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.result import FoundTerm
 from ftbias_jax.diagnosis.terms.phrases import spells_in_words
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.log import Log
+from ftbias_jax.io import GivenLog
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.runtime.progress import silent
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.setup import GivenSetup, Setup, as_setup
 
 
 class Payloads(NamedTuple):
@@ -29,15 +29,15 @@ class Payloads(NamedTuple):
 
 
 def identify_payloads(
-    setup: Setup, log: Log, *, unchecked: bool = False, progress: Callable[[str], None] = silent
+    setup: GivenSetup, log: GivenLog, *, unchecked: bool = False, progress: Callable[[str], None] = silent
 ) -> Payloads:
     """Find when the tool takes up and puts down a part, the part's mass, and its place in the hand.
 
     They are the loads among the terms of ``diagnose``; of all else that it finds nothing is taken.
 
     Args:
-        setup: robot, sensor, and the tool without the part.
-        log: as recorded (``read_log(..., raw=True)``), moving with the part and without.
+        setup: robot, sensor, and the tool without the part; or its path.
+        log: as recorded (``read_log(..., raw=True)``), or its path, moving with the part and without.
         unchecked: do not look first whether the setup can be right (``check_setup``).
         progress: called with the name of each stage as it begins.
 
@@ -45,7 +45,8 @@ def identify_payloads(
         SetupError: the setup is wrong, as the log shows.
         LogError: the log shows no part that is taken up or put down.
     """
-    found = diagnose(setup, [log], unchecked=unchecked, progress=progress)
+    setup = as_setup(setup)
+    found = diagnose(setup, log, unchecked=unchecked, progress=progress)
     parts = tuple(term for term in found.terms if term.form == "payload")
     if not parts:
         remedy = "look at what ftbias diagnose says, or leave out --payloads"

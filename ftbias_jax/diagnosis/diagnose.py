@@ -1,6 +1,6 @@
 """The diagnosis of one log: examine samples, search causes, judge on held-out blocks, say what is and is not known."""
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -30,8 +30,9 @@ from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
 from ftbias_jax.diagnosis.tool_first import Searched, no_surer, search_causes, stderr_of_tool
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering.quality.at_rest import rest_in_words, weight_in_bias
+from ftbias_jax.io import GivenLog, as_logs, names_of
 from ftbias_jax.io.cleaning import Facts, clean, slices, survey, without_long_pauses
-from ftbias_jax.io.log import Log, as_list
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.model.effects.catalogue import check_names
 from ftbias_jax.model.effects.fitting import GROWTH, LEVEL
@@ -40,7 +41,7 @@ from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.model.own_effects import catalogue_of_setup, not_shown
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.setup import GivenSetup, Setup, as_setup
 
 
 @contextmanager
@@ -57,8 +58,8 @@ def _typed_errors() -> Iterator[None]:
 @in_float64
 @_typed_errors()
 def diagnose(
-    setup: Setup,
-    logs: Sequence[Log],
+    setup: GivenSetup,
+    logs: GivenLog | Iterable[GivenLog],
     names: Sequence[str] = (),
     without: Collection[str] = (),
     effects: Sequence[Effect] = (),
@@ -71,11 +72,11 @@ def diagnose(
     (``FTBIAS_CACHE=off`` does not).
 
     Args:
-        setup: what the robot's owner believes.
-        logs: of free motion with the same robot, sensor and tool, best as recorded (``read_log(..., raw=True)``),
-            because clipped samples are evidence. Samples of axes that stand still are left out here, and told in
-            ``repairs``.
-        names: of the logs, one each, for the report; () = "log 1", "log 2", ...
+        setup: what the robot's owner believes, or its path.
+        logs: of free motion with the same robot, sensor and tool, or their paths; best as recorded
+            (``read_log(..., raw=True)``, as a path is read), because clipped samples are evidence. Samples of axes that
+            stand still are left out here, and told in ``repairs``.
+        names: of the logs, one each, for the report; () = "log 1", "log 2", ..., or the names of their files.
         without: effects that may not be named, to see what the answer would be without them.
         effects: of your own, looked for beside those of the catalogue.
         unchecked: do not look first whether the setup can be right (``check_setup``).
@@ -85,12 +86,12 @@ def diagnose(
         SetupError, LogError: the logs show a mistake of units, signs or frames, have no wrench, or fit nothing.
         UsageError: no log, or an unknown effect.
     """
-    return explain(setup.with_effects(effects), logs, names, without, unchecked, progress)[0]
+    return explain(as_setup(setup, effects), logs, names, without, unchecked, progress)[0]
 
 
 def explain(
     setup: Setup,
-    logs: Sequence[Log],
+    logs: GivenLog | Iterable[GivenLog],
     names: Sequence[str] = (),
     without: Collection[str] = (),
     unchecked: bool = False,
@@ -101,11 +102,11 @@ def explain(
     Raises:
         UsageError and others: as of ``diagnose``.
     """
-    logs = as_list(logs)
-    names = names or [f"log {i}" for i in range(1, len(logs) + 1)]
-    if not logs or len(names) != len(logs):
+    logs = as_logs(logs, setup, raw=True)
+    names = names or names_of(logs)
+    if len(names) != len(logs):
         message = f"got {len(logs)} logs and {len(names)} names"
-        raise UsageError(message, field="logs", remedy="give one log or more, and a name for each or none")
+        raise UsageError(message, field="logs", remedy="give a name for each log, or none")
     check_names({*without} - {TERM}, "without", catalogue_of_setup(setup))
     progress("checking the setup")
     facts = [survey(slices(log)) for log in logs]

@@ -5,7 +5,7 @@ share of what it is in the latest ones, and the shares tell when it began, wheth
 vary from log to log beside their errors.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import partial
 
 import numpy as np
@@ -17,14 +17,14 @@ from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.result import ALL_ALONG, AT_ONCE, GROWING, Course, Diagnosis
 from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS, FEWEST_POOLED, LEAST_GAIN, MOST_POOLED, POOLED_SHARE
 from ftbias_jax.errors import UsageError
+from ftbias_jax.io import GivenLog, as_logs, names_of
 from ftbias_jax.io.cleaning import slices, survey
-from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.fitting import SUDDEN
 from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.setup import GivenSetup, as_setup
 
 SCATTERS = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.33, 0.5])
 """Standard deviations of a share from log to log that are tried."""
@@ -32,8 +32,8 @@ SCATTERS = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.33, 0.5])
 
 @in_float64
 def diagnose_pooled(
-    setup: Setup,
-    logs: Sequence[Log],
+    setup: GivenSetup,
+    logs: Iterable[GivenLog],
     dates: Sequence[float] = (),
     names: Sequence[str] = (),
     without: Collection[str] = (),
@@ -43,10 +43,10 @@ def diagnose_pooled(
     """Diagnose logs of one robot over time together: the latest ones, and the causes found there in all of them.
 
     Args:
-        setup: what the robot's owner believes.
+        setup: as of ``diagnose``.
         logs: (N,) of free motion with the same robot, sensor and tool, as for ``diagnose``.
         dates: (N,) s since 1970; () = as stamped.
-        names: of the logs; () = "log 1", "log 2", ...
+        names: as of ``diagnose``.
         without: effects that may not be named.
         unchecked: do not look first whether the setup can be right.
         progress: called with the name of each stage as it begins.
@@ -54,26 +54,28 @@ def diagnose_pooled(
     Raises:
         UsageError: too few logs. Others as of ``diagnose``.
     """
-    if len(logs) < FEWEST_POOLED:
+    setup = as_setup(setup)
+    read = as_logs(logs, setup, raw=True)
+    if len(read) < FEWEST_POOLED:
         remedy = f"give {FEWEST_POOLED} logs or more of one robot, or leave out --pool"
-        raise UsageError(f"got {len(logs)} logs", field="logs", remedy=remedy)
-    stamped = np.array(dates or [log.start for log in logs], float)
+        raise UsageError(f"got {len(read)} logs", field="logs", remedy=remedy)
+    stamped = np.array(dates or [log.start for log in read], float)
     order = np.argsort(stamped, kind="stable")
-    names = names or [f"log {i + 1}" for i in range(len(logs))]
-    logs, names, stamped = [logs[i] for i in order], [names[i] for i in order], stamped[order]
+    names = names or names_of(read)
+    read, names, stamped = [read[i] for i in order], [names[i] for i in order], stamped[order]
     # What happens in a moment of one log is no cause that logs share, but takes up what varies between them.
     moments = {effect.name for effect in catalogue_of_setup(setup).searched_by(*SUDDEN)}
     left_out = {*without, *moments, TERM}
     # What began a few logs ago may not show among many that are without it.
-    for count in (int(np.clip(POOLED_SHARE * len(logs), FEWEST_POOLED, MOST_POOLED)), FEWEST_POOLED):
-        diagnosis, answer = diagnose.explain(setup, logs[-count:], names[-count:], left_out, unchecked, progress)
+    for count in (int(np.clip(POOLED_SHARE * len(read), FEWEST_POOLED, MOST_POOLED)), FEWEST_POOLED):
+        diagnosis, answer = diagnose.explain(setup, read[-count:], names[-count:], left_out, unchecked, progress)
         told = [h.effect for h in answer.accepted.hypotheses if not h.shapes]
         if told:
             break
     courses: tuple[Course, ...] = ()
     if told:
         progress("measuring causes in every log")
-        with_tool, whole = diagnose.ready(setup, logs, [survey(slices(log)) for log in logs])
+        with_tool, whole = diagnose.ready(setup, read, [survey(slices(log)) for log in read])
         problem, _ = make_problem(with_tool, whole)
         share, stderr = shares(problem, answer.accepted)
         courses = tuple(map(partial(course_of, stamped), told, share.T, stderr.T))

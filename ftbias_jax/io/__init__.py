@@ -1,13 +1,16 @@
 """Recorded logs: one module a format, one check for all, one merged timeline out."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
 
-from ftbias_jax.errors import LogError
+from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.io.check import FURTHER
 from ftbias_jax.io.cleaning import STREAMS, clean
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.remote import opened
+from ftbias_jax.io.remote import from_anywhere, opened, shown
 from ftbias_jax.io.ros.read import read_ros
 from ftbias_jax.io.ros.record import is_ros
 from ftbias_jax.io.tables.arrays import TABLES, log_from_arrays, read_table, suffix_of
@@ -16,6 +19,10 @@ from ftbias_jax.io.tables.streams import read_files, unknown_format
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
+GivenLog = Log | str | os.PathLike[str]
+"""A log of motion, or its path."""
+GivenMotion = Log | Poses | str | os.PathLike[str]
+"""The same, or static poses."""
 _OF_TIME = ("t", "time", "t_joints")
 """Fields that a log without time, or with too little of it, is refused for."""
 
@@ -37,6 +44,58 @@ def read_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
     """
     log = read_recorded(path, setup, salvage=salvage)
     return clean(log, clipped=not raw, stuck=not raw, held=() if raw else STREAMS, file=os.fspath(path))
+
+
+def each_of(logs: GivenMotion | Iterable[GivenMotion], executor: Executor | None = None) -> Iterable[Any]:
+    """Logs or their paths as they are given, one alone as a list; paths as the workers of an executor find them.
+
+    Raises:
+        UsageError: arrays by name, such as a table in memory.
+    """
+    if hasattr(logs, "keys"):
+        remedy = "make a log of arrays in memory by ft.Log.from_arrays(setup, t, q, wrench)"
+        raise UsageError(f"got {type(logs).__name__}", field="logs", remedy=remedy)
+    if isinstance(logs, Log | Poses | str | os.PathLike):
+        logs = [logs]
+    return map(from_anywhere, logs) if executor else logs
+
+
+def as_log(log: object, setup: Setup, *, raw: bool = False) -> Log:
+    """What a verb is given for a log of motion, read as by ``read_log`` if it is a path.
+
+    Raises:
+        UsageError: it is neither. LogError: as of ``read_log``.
+    """
+    if isinstance(log, str | os.PathLike):
+        return read_log(log, setup, raw=raw)
+    if not isinstance(log, Log):
+        remedy = "give logs of motion, as ft.read_log reads them, or their paths; of static poses see ft.identify_tool"
+        raise UsageError(f"got {type(log).__name__}", field="logs", remedy=remedy)
+    return log
+
+
+def as_logs(logs: GivenLog | Iterable[GivenLog], setup: Setup, *, raw: bool = False) -> list[Log]:
+    """The same of one log or of several.
+
+    Raises:
+        UsageError: there is none. Others as of ``as_log``.
+    """
+    read = [as_log(log, setup, raw=raw) for log in each_of(logs)]
+    if not read:
+        raise UsageError("there is no log", field="logs", remedy="give at least one")
+    return read
+
+
+def names_of(logs: Sequence[Log]) -> list[str]:
+    """The names of the files of logs; "log 1", "log 2" and so on of those that came from memory."""
+    return [Path(shown(log.file)).name or f"log {i}" for i, log in enumerate(logs, 1)]
+
+
+def as_motion(log: GivenMotion, setup: Setup) -> Log | Poses:
+    """What a verb is given for a log of motion or for static poses, read as by ``read_motion`` if it is a path."""
+    if isinstance(log, str | os.PathLike):
+        return read_motion(log, setup)
+    return log if isinstance(log, Poses) else as_log(log, setup)
 
 
 def read_motion(path: str | os.PathLike[str], setup: Setup) -> Log | Poses:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ftbias_jax.errors import LogError, UsageError
+from ftbias_jax.errors import LogError
 from ftbias_jax.io.glitches import Glitches, find_glitches
 from ftbias_jax.io.health import Axis, Saturation, Still, extend, mask
 from ftbias_jax.io.log import Log, Repair, Repairs
@@ -185,14 +185,7 @@ def _survey(split: Split, joints_once: bool = False) -> Facts:
 
 
 def slices(*logs: Log) -> Split:
-    """The parts of logs that are in memory, one log after the other.
-
-    Raises:
-        UsageError: one is no log of motion.
-    """
-    if others := [type(log).__name__ for log in logs if not isinstance(log, Log)]:
-        remedy = "give logs of motion, as ft.read_log reads them; of static poses see ft.identify_tool"
-        raise UsageError(f"got {others[0]}", field="logs", remedy=remedy)
+    """The parts of logs that are in memory, one log after the other."""
 
     def split(size: int) -> Iterator[Log]:
         for log in logs:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import NamedTuple, TypeVar, overload
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -103,16 +102,3 @@ class Log(NamedTuple):
         """A log from arrays in memory, checked and cleaned as one that ``read_log`` reads: ``io.log_of_arrays``."""
         # The room's __init__ binds that function, because what checks and cleans a log is made of logs.
         raise NotImplementedError
-
-
-Given = TypeVar("Given")
-
-
-@overload
-def as_list(logs: Sequence[Given]) -> Sequence[Given]: ...
-@overload
-def as_list(logs: Iterable[Given]) -> Iterable[Given]: ...
-def as_list(logs: Iterable[Given]) -> Iterable[Given]:
-    """Logs or their paths as they are given; one alone, itself a sequence of fields or letters, as a list of it."""
-    alone = isinstance(logs, str | os.PathLike) or hasattr(logs, "_fields")
-    return [logs] if alone else logs  # type: ignore[list-item]

@@ -33,6 +33,7 @@ from ftbias_jax.model.simulate import simulate as simulate_with_params
 from ftbias_jax.model.simulate import temperature_course
 from ftbias_jax.model.trajectories import Trajectory
 from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.setup import GivenSetup, as_setup
 from ftbias_jax.setup.keys.table import further_columns
 from ftbias_jax.setup.types import REPORTS, Setup
 from ftbias_jax.types import Array
@@ -128,7 +129,7 @@ class SimulationResult:
 
 @in_float64
 def simulate(
-    setup: Setup,
+    setup: GivenSetup,
     effects: Mapping[str, Mapping[str, Any]] | None = None,
     *,
     duration: float = 60.0,
@@ -144,7 +145,7 @@ def simulate(
     (``FTBIAS_CACHE=off`` does not).
 
     Args:
-        setup: robot, sensor, tool, noise and effects.
+        setup: robot, sensor, tool, noise and effects, or its path.
         effects: effect -> parameter -> value, in the catalogue's units, on top of the setup's; {} = typical values.
         duration: s.
         rate: samples a second.
@@ -159,7 +160,7 @@ def simulate(
         SetupError: an effect of the setup is unknown or impossible. UsageError: one of ``effects`` is, or another
             argument.
     """
-    setup = setup.with_effects(own)
+    setup = as_setup(setup, own)
     check_motion(duration, rate, motion)
     params = params_from_setup(setup)
     # Accelerations that nobody records count as noise for the filter; a simulated sensor turns where it stands.

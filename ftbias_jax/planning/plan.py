@@ -1,7 +1,7 @@
 """The verb ``plan``: a motion that tells most about what is asked, within limits, and what it will tell."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -10,6 +10,7 @@ import numpy as np
 from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.samples import first_position
+from ftbias_jax.io import GivenLog, as_logs
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model
 from ftbias_jax.model.own_effects import catalogue_of_setup
@@ -25,7 +26,7 @@ from ftbias_jax.planning.result import Options, Plan
 from ftbias_jax.planning.shape import grid, harmonics_for, motion_at, random_shapes, within
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.setup import GivenSetup, Setup, as_setup
 
 SHORTEST, LONGEST = 4.0, 300.0
 """s of a plan."""
@@ -39,13 +40,13 @@ BINS_A_PERIOD, LEAST_RATE = 10, 25.0
 
 @in_float64
 def plan(
-    setup: Setup,
+    setup: GivenSetup,
     to_find: str = TOOL,
     *,
     duration: float = 20.0,
     rate: float = 500.0,
     start: Sequence[float] | None = None,
-    logs: Sequence[Log] = (),
+    logs: GivenLog | Iterable[GivenLog] = (),
     values: Mapping[str, EffectValues] | None = None,
     margin: float = 0.1,
     seed: int = 0,
@@ -60,7 +61,7 @@ def plan(
     folder (``FTBIAS_CACHE=off`` does not).
 
     Args:
-        setup: robot, sensor, tool, noise and limits.
+        setup: robot, sensor, tool, noise and limits, or its path.
         to_find: "tool" for its mass, centre of mass and inertia; "noise" for that of the readings at rest and what
             each joint's speed adds, of which nothing is forecast of logs at hand; the name of an effect for its
             parameters; two names with a colon between them for what tells one from the other.
@@ -68,7 +69,7 @@ def plan(
         rate: samples a second of the log that will be recorded, and of the motion's table.
         start: (n,) rad, the first and last pose; None = that of the first log, or else one in the middle of the
             robot's working range.
-        logs: recorded already; what they tell is added to the forecast.
+        logs: recorded already, or their paths; what they tell is added to the forecast.
         values: effect -> parameter -> value, of effects that a diagnosis has found; others are planned for at the
             setup's or at typical values.
         margin: share of every limit that is left unused.
@@ -81,7 +82,8 @@ def plan(
             asked. SetupError: the setup has no tool, or an effect of it is impossible.
     """
     began = time.monotonic()
-    setup, names = setup.with_effects(own), tuple(to_find.split(":"))
+    setup, names = as_setup(setup, own), tuple(to_find.split(":"))
+    logs = as_logs(logs, setup, raw=True) if logs else []
     check_arguments(setup, names, duration, rate, margin)
     progress("preparing")
     params, catalogue = params_from_setup(setup), catalogue_of_setup(setup)

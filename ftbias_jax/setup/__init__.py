@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from ftbias_jax.errors import UsageError
 from ftbias_jax.setup.dump import dump_setup
 from ftbias_jax.setup.export import save_export
 from ftbias_jax.setup.fields import read_toml
@@ -13,7 +14,10 @@ from ftbias_jax.setup.require import require_tool
 from ftbias_jax.setup.save import save_setup
 from ftbias_jax.setup.types import Setup
 
-__all__ = ["Setup", "dump_setup", "load_setup", "parse_setup"]
+__all__ = ["GivenSetup", "Setup", "as_setup", "dump_setup", "load_setup", "parse_setup"]
+
+GivenSetup = Setup | str | os.PathLike[str]
+"""A setup, or the path of its file."""
 
 Setup.save = save_setup  # type: ignore[method-assign, assignment]
 Setup.export = save_export  # type: ignore[method-assign, assignment]
@@ -38,3 +42,17 @@ def load_setup(
     setup = replace(parse_setup(mapping, file), source=source).with_effects(effects)
     setup = replace(setup, log=replace(setup.log, allow_outside=allow_outside))
     return require_tool(setup) if with_tool else setup
+
+
+def as_setup(setup: object, effects: Sequence[Any] = ()) -> Setup:
+    """What a verb is given for a setup, read if it is a path, and with further effects.
+
+    Raises:
+        UsageError: it is neither. SetupError: as of ``load_setup``.
+    """
+    if isinstance(setup, str | os.PathLike):
+        return load_setup(setup, effects)
+    if not isinstance(setup, Setup):
+        remedy = "give what ft.load_setup reads, or the path of a setup.toml"
+        raise UsageError(f"got {type(setup).__name__}", field="setup", remedy=remedy)
+    return setup.with_effects(effects)

@@ -7,6 +7,7 @@ import numpy as np
 from ftbias_jax.errors import SetupError
 from ftbias_jax.model.effects.catalogue import CATALOGUE, values_from_setup
 from ftbias_jax.model.effects.types import Values
+from ftbias_jax.setup import GivenSetup, as_setup
 from ftbias_jax.setup.dump import lines_of, text_of
 from ftbias_jax.setup.fields import Section, check_keys, read_toml
 from ftbias_jax.setup.parse import parse_setup
@@ -20,12 +21,13 @@ KEYS = {
 """What of a setup's sections is about the sensor's own errors."""
 
 
-def sensor_model(setup: Setup) -> SensorModel:
+def sensor_model(setup: GivenSetup) -> SensorModel:
     """The errors of a setup's sensor: its noise, its bias process, and those of its effects that are the sensor's own.
 
     Raises:
         SetupError: an effect has no such value.
     """
+    setup = as_setup(setup)
     sensor, bias = setup.sensor, setup.bias
     stated = values_from_setup({name: x for name, x in setup.effects.items() if name in EFFECTS}, setup.path)
     values: Values = {

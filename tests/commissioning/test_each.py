@@ -20,18 +20,24 @@ def logs(tmp_path):
     return ft.load_setup(tmp_path / "setup.toml"), [*paths, str(tmp_path / "none.npz")]
 
 
-def test_each_log_is_read_as_its_verb_wants_it_and_errors_are_told(logs, monkeypatch):
+def test_each_log_is_given_to_its_verb_and_errors_are_told(logs, monkeypatch):
     setup, paths = logs
     calls = []
-    monkeypatch.setattr(each, "diagnose", lambda *given, **choices: calls.append((given, choices)) or len(calls))
+
+    def diagnose(setup, log, **choices):
+        calls.append(((setup, log), choices))
+        if log == paths[2]:
+            raise ft.LogError("is not there", file=log)
+        return len(calls)
+
+    monkeypatch.setattr(each, "diagnose", diagnose)
     memory = ft.read_log(paths[0], setup)
     found = ft.diagnose_each(setup, [*paths, memory], without=["gain"])
-    assert list(found) == [1, 2, None, 3]
+    assert list(found) == [1, 2, None, 4]
     assert found.errors[2].file.endswith("none.npz")
-    assert [given[2:] for given, _ in calls] == [(["0.npz"],), (["1.npz"],), ()]
-    assert calls[2][0][1] == [memory]
+    assert [given[1] for given, _ in calls] == [*paths, memory]
     assert calls[0][1] == {"without": ["gain"]}
-    assert (list(ft.diagnose_each(setup, paths[0])), list(ft.diagnose_each(setup, memory))) == ([4], [5])
+    assert (list(ft.diagnose_each(setup, paths[0])), list(ft.diagnose_each(setup, memory))) == ([5], [6])
 
 
 @pytest.mark.slow

@@ -7,8 +7,8 @@ import pytest
 from stated import pose_setup
 
 from ftbias_jax.check.check_setup import check_setup
-from ftbias_jax.io import read_log
-from ftbias_jax.io.log import Log, as_list
+from ftbias_jax.io import each_of, names_of, read_log
+from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
 
 T = 600
@@ -53,7 +53,13 @@ def test_a_log_or_path_alone_is_a_list_of_one(setup):
     log = Log.from_arrays(setup, *arrays().values())
     poses = Poses(np.zeros(1), False, np.zeros((1, 7)), np.zeros((1, 6)))
     for alone in (log, poses, "log.npz", Path("log.npz")):
-        assert as_list(alone) == [alone]
-        assert as_list([alone]) == [alone]
-        assert as_list((alone, alone)) == (alone, alone)
+        assert each_of(alone) == [alone]
+        assert each_of([alone]) == [alone]
+        assert each_of((alone, alone)) == (alone, alone)
     assert str(check_setup(setup, log)) == str(check_setup(setup, [log]))
+
+
+def test_logs_are_named_by_their_files_without_what_is_secret(setup):
+    log = Log.from_arrays(setup, *arrays().values())
+    files = "runs/monday.npz", "", "https://me:key@host/tuesday.csv?token=secret"
+    assert names_of([log._replace(file=file) for file in files]) == ["monday.npz", "log 2", "tuesday.csv"]

@@ -19,25 +19,20 @@ from ftbias_jax.filtering.quality.observability import remark_of_tool, with_erro
 from ftbias_jax.filtering.result import Filtered, join, named_arrays
 from ftbias_jax.filtering.samples import first_position
 from ftbias_jax.filtering.verbs.results import FilterResult, FilterResults, only, require_fields
-from ftbias_jax.io import read_log
+from ftbias_jax.io import GivenLog, as_log, each_of
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.parts import OpenLog
-from ftbias_jax.io.remote import from_anywhere
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.io.write.selection import About
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.many import results_of
-from ftbias_jax.setup.types import Setup
+from ftbias_jax.setup import GivenSetup, Setup, as_setup
 
 
 def _nobody(done: int) -> None:
     """Progress that nobody wants to know."""
-
-
-Source = Log | str | os.PathLike[str]
-"""A log, or the path of one."""
 
 
 class Choices(TypedDict, total=False):
@@ -53,13 +48,13 @@ class Choices(TypedDict, total=False):
 
 
 @overload  # a path is a sequence of letters, too
-def filter_log(setup: Setup, log: Source, **choices: Unpack[Choices]) -> FilterResult: ...  # type: ignore[overload-overlap]
+def filter_log(setup: GivenSetup, log: GivenLog, **choices: Unpack[Choices]) -> FilterResult: ...  # type: ignore[overload-overlap]
 @overload
-def filter_log(setup: Setup, log: Iterable[Source], **choices: Unpack[Choices]) -> FilterResults: ...
+def filter_log(setup: GivenSetup, log: Iterable[GivenLog], **choices: Unpack[Choices]) -> FilterResults: ...
 @in_float64
 def filter_log(
-    setup: Setup,
-    log: Source | Iterable[Source],
+    setup: GivenSetup,
+    log: GivenLog | Iterable[GivenLog],
     *,
     smooth: bool = False,
     as_stated: bool = False,
@@ -77,7 +72,8 @@ def filter_log(
     cache folder (``FTBIAS_CACHE=off`` does not).
 
     Args:
-        setup: robot, sensor, tool and noise. A tool of unknown mass is part of the bias, if the log does not turn it.
+        setup: robot, sensor, tool and noise, or its path. A tool of unknown mass is part of the bias, if the log does
+            not turn it.
         log: what ``read_log`` gives, or its path. Or many of them, in a list or from a generator, which are taken one
             at a time: logs of all lengths share a few compiled programs, and each result is that of the log alone.
         smooth: add the bias given past and future.
@@ -100,7 +96,7 @@ def filter_log(
             filtered.
     """
     require_fields(fields)
-    setup, done = setup.with_effects(effects), 0
+    setup, done = as_setup(setup, effects), 0
     setup = replace(setup, bias=replace(setup.bias, adapt=False)) if as_stated else setup
 
     work = partial(_filtered, setup=setup, smooth=smooth, unchecked=unchecked, fields=fields)
@@ -116,20 +112,19 @@ def filter_log(
 
     if executor is None:
         work = partial(work, progress=lambda samples: progress(done + samples))
-    many = results_of(work, map(from_anywhere, log) if executor else log, executor, tell)
+    many = results_of(work, each_of(log, executor), executor, tell)
     return FilterResults(many.results, many.errors)
 
 
 def _filtered(
-    source: Source,
+    log: GivenLog,
     setup: Setup,
     smooth: bool,
     unchecked: bool,
     fields: Sequence[str],
     progress: Callable[[int], None] = _nobody,
 ) -> FilterResult:
-    log = source if isinstance(source, Log) else read_log(source, setup)
-    result = filter_with_setup(setup, log, smooth=smooth, unchecked=unchecked, progress=progress)
+    result = filter_with_setup(setup, as_log(log, setup), smooth=smooth, unchecked=unchecked, progress=progress)
     return only(replace(result, repairs=(*map(Repair, result.checked.lines()), *result.repairs)), fields)
 
 
