@@ -202,7 +202,7 @@ def test_a_diagnosis_mends_the_setup_and_writes_its_report(setup, make_diagnosis
 
 
 ONE, MANY = ("filter_log", "identify_tool"), ("check_setup", "diagnose", "calibrate", "tune", "diagnose_pooled")
-NO_LOGS = [(object(), "object"), ([np.zeros((9, 6))], "ndarray"), ({"t": np.zeros(9)}, "dict")]
+NO_LOGS = [(object(), "object"), ([None], "NoneType"), ({"t": np.zeros(9)}, "dict")]
 
 
 @pytest.mark.parametrize("verb", [*ONE, *MANY])

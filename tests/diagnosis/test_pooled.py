@@ -95,8 +95,11 @@ def test_logs_together_name_the_cause_and_its_first_day(setup, tmp_path, capsys)
 
 
 def test_a_few_logs_are_too_few(setup):
+    log = ft.Log.from_arrays(
+        setup, 0.01 * np.arange(40), np.zeros((40, 7)), np.random.default_rng(0).normal(size=(40, 6))
+    )
     with pytest.raises(UsageError, match="got 2 logs"):
-        ft.diagnose_pooled(setup, [None, None])
+        ft.diagnose_pooled(setup, [log, log])
 
 
 @pytest.mark.parametrize("text", ["{}", '{"courses": [{"effect": "gain"}], "provenance": {"setup": {"name": "a"}}}'])

@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 
-from ftbias_jax.errors import LogError, UsageError
+from ftbias_jax.errors import LogError
 from ftbias_jax.io.cleaning import ASIDE, clean, slices, survey
 from ftbias_jax.io.log import Log, Repair
-from ftbias_jax.io.tables.poses import Poses
 
 T = 900
 
@@ -64,11 +63,6 @@ def test_a_wrench_of_which_nothing_is_left_is_refused():
     with pytest.raises(LogError, match=r"log.npz: wrench: no wrench data: every axis stands still.*\(check the sensor"):
         clean(dead, file="log.npz")
     assert len(clean(dead, clipped=False, stuck=False).repairs) == 6
-
-
-def test_static_poses_are_no_log_of_motion():
-    with pytest.raises(UsageError, match="identify_tool"):
-        clean(Poses(np.arange(4.0), True, np.zeros((4, 2)), np.zeros((4, 6))))
 
 
 def in_motion():
