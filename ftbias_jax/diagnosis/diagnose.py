@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ftbias_jax.check.check_setup import require_right
-from ftbias_jax.diagnosis.evidence.causes import Answer, causes_of, doubt_by, is_sure, ranking_of
+from ftbias_jax.diagnosis.evidence.causes import Answer, causes_of, doubt_by, in_order, is_sure, ranking_of
 from ftbias_jax.diagnosis.evidence.estimates import correlations, with_nominal
 from ftbias_jax.diagnosis.evidence.gap import Judge, compare, is_quiet, measure_gap, verdict_of
 from ftbias_jax.diagnosis.problem import Problem, make_problem
@@ -158,7 +158,7 @@ def explain(
         verdict=verdict,
         sentence=no_free_motion(answer.gap, max(problem.durations))
         if pushed
-        else headline(verdict, answer.gap, causes, answer.terms, ranking, place),
+        else headline(verdict, answer.gap, in_order(answer, causes), ranking, place),
         causes=causes,
         candidates=ranking,
         gap=answer.gap,

@@ -81,6 +81,17 @@ def causes_of(answer: Answer) -> tuple[Candidate, ...]:
     return tuple(sorted(of_mean + of_samples, key=lambda cause: not _comes_first(problem.catalogue[cause.effect])))
 
 
+def in_order(answer: Answer, causes: Sequence[Candidate]) -> list[Candidate | FoundTerm]:
+    """Causes and terms as they are told: what explains the mean reading before what single samples show beside it."""
+
+    def is_beside(one: Candidate | FoundTerm) -> bool:
+        effect = answer.problem.catalogue[one.effect] if isinstance(one, Candidate) else None
+        return effect is not None and isinstance(effect.fit.search, Samples) and not _comes_first(effect)
+
+    told: list[Candidate | FoundTerm] = [*causes, *answer.terms]
+    return told if answer.total < thresholds.LEADS**2 else sorted(told, key=is_beside)
+
+
 def _comes_first(effect: Effect) -> bool:
     """Whether what samples show of an effect is told before what explains the mean reading, however large that is.
 

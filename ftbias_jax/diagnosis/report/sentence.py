@@ -19,28 +19,28 @@ MOST_WORDS = 40
 FEW_WORDS = 6
 """Of a remedy, beyond which only its first clause is taken."""
 FORCE, TORQUE = slice(0, 3), slice(3, 6)
+Found = Candidate | FoundTerm
 
 
 def headline(
     verdict: str,
     gap: Gap,
-    causes: Sequence[Candidate],
-    terms: Sequence[FoundTerm] = (),
+    found: Sequence[Found],
     candidates: Sequence[Candidate] = (),
     where: Where | None = None,
 ) -> str:
-    """What was found, the error before and after it in N or Nm, and what to do; errors are held-out rms.
+    """What was found, in this order, the error before and after it in N or Nm, and what to do; errors are held-out rms.
 
     Twins of the causes have their own statements among all candidates. Of what nobody can name is told where it is.
     """
     if verdict == "none":
         return f"The log agrees with the setup: {_error(gap)}. Nothing to do."
-    if verdict == "unknown" or not (causes or terms):
-        return _unexplained(gap, causes, where)
+    if verdict == "unknown" or not found:
+        return _unexplained(gap, found, where)
     twins = {candidate.effect: candidate.statement for candidate in candidates if candidate.statement}
-    actions, worths = _what_to_do(causes, terms), (_worth(verdict, gap), _worth(verdict, gap, short=True))
-    for found, worth, action in product(_from_long_to_short(causes, terms, twins), worths, actions):
-        text = f"{_capital(found)}: {worth}. {action}"
+    actions, worths = _what_to_do(found), (_worth(verdict, gap), _worth(verdict, gap, short=True))
+    for said, worth, action in product(_from_long_to_short(found, twins), worths, actions):
+        text = f"{_capital(said)}: {worth}. {action}"
         if len(text.split()) <= MOST_WORDS:
             break
     return text
@@ -54,27 +54,29 @@ def no_free_motion(gap: Gap, seconds: float) -> str:
     )
 
 
-def _from_long_to_short(
-    causes: Sequence[Candidate], terms: Sequence[FoundTerm], twins: dict[str, str]
-) -> Iterator[str]:
+def _from_long_to_short(found: Sequence[Found], twins: dict[str, str]) -> Iterator[str]:
     """What was found, in fewer and fewer words: with twins, with their names, without, and the first alone."""
-    plain = [cause.statement or cause.title for cause in causes] + [term.statement or term.text for term in terms]
-    alike = [f", like {term.resembles[0]}" if term.resembles else "" for term in terms]
+    plain = list(map(_plain, found))
     for say in (twins, {}):
-        beside = [_or(cause, say) for cause in causes] + alike
-        yield _and(words + more for words, more in zip(plain, beside, strict=True))
+        yield _and(words + _alike(one, say) for words, one in zip(plain, found, strict=True))
     yield _and(plain)
-    names = [cause.title for cause in causes] + [f"a term of {term.drive}" for term in terms]
     if len(plain) > 1:
-        yield f"{plain[0]}, and {_and(names[1:])}"
-        yield f"{plain[0]}, and {len(plain) - 1} more"
+        names = [one.title if isinstance(one, Candidate) else f"a term of {one.drive}" for one in found[1:]]
+        yield f"{plain[0]}, and {_and(names)}"
+        yield f"{plain[0]}, and {len(names)} more"
 
 
-def _or(cause: Candidate, say: dict[str, str]) -> str:
-    """The first twin in brackets: its own statement, or its name."""
-    if not cause.indistinguishable_from:
+def _plain(one: Found) -> str:
+    return one.statement or (one.title if isinstance(one, Candidate) else one.text)
+
+
+def _alike(one: Found, say: dict[str, str]) -> str:
+    """What a term looks like; of a cause the first twin in brackets: its own statement, or its name."""
+    if isinstance(one, FoundTerm):
+        return f", like {one.resembles[0]}" if one.resembles else ""
+    if not one.indistinguishable_from:
         return ""
-    twin, *others = cause.indistinguishable_from
+    twin, *others = one.indistinguishable_from
     return f" (or {say.get(twin, twin)}{f', or {len(others)} more' if others else ''})"
 
 
@@ -104,8 +106,8 @@ def _error(gap: Gap) -> str:
     return f"the error is {before:.3g} {unit} where noise alone leaves {noise:.3g} {unit}"
 
 
-def _unexplained(gap: Gap, causes: Sequence[Candidate], where: Where | None) -> str:
-    seen = f" Seen in single samples: {_and(cause.statement or cause.title for cause in causes)}." if causes else ""
+def _unexplained(gap: Gap, found: Sequence[Found], where: Where | None) -> str:
+    seen = f" Seen in single samples: {_and(map(_plain, found))}." if found else ""
     channels = sorted(where.channels.items(), key=lambda item: -item[1])[:1] if where else []
     largest = f" {channels[0][0]}" if channels else " the largest channel"
     regime = f" during {where.regimes[0].name}" if where and where.regimes else ""
@@ -113,10 +115,10 @@ def _unexplained(gap: Gap, causes: Sequence[Candidate], where: Where | None) -> 
     return text if len(text.split()) <= MOST_WORDS else text.replace(seen, "")
 
 
-def _what_to_do(causes: Sequence[Candidate], terms: Sequence[FoundTerm]) -> tuple[str, ...]:
+def _what_to_do(found: Sequence[Found]) -> tuple[str, ...]:
     """The first clause of the first remedy, and what the command can do by itself alone."""
-    remedies = [cause.remedy for cause in causes] + [term.check for term in terms]
-    first = next((remedy for remedy in remedies if remedy), "")
+    remedies = (one.remedy if isinstance(one, Candidate) else one.check for one in found)
+    first = next(filter(None, remedies), "")
     for end in (";", ":", ","):
         if len(first.split()) > FEW_WORDS:
             first = first.split(end)[0]

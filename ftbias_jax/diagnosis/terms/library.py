@@ -150,30 +150,30 @@ def _gains(library: Library, prepared_fit: PreparedFit) -> list[Gains]:
     return [Gains(normal - a @ b.T, c, b.T) for normal, a, b, c in pieces]
 
 
-def merit_of(gain: float, numbers: int, times: int = 0) -> float:
-    """nats that count of a gain by so many free numbers, and times, which make no form more flexible."""
-    return gain * (1 - SHARE_PER_NUMBER * numbers) - NATS_PER_DEGREE * (numbers + times)
+def merit_of(gain: float, numbers: int) -> float:
+    """nats that count of a gain by so many free numbers."""
+    return gain * (1 - SHARE_PER_NUMBER * numbers) - NATS_PER_DEGREE * numbers
 
 
 def times_of(term: Term) -> int:
-    """How often a term is switched on or off."""
+    """How often a term is switched on or off; as often as a joint turns back, it can be taken for friction there."""
     return np.size(term.parameters["time"]) if "time" in term.parameters else 0
 
 
 def _judge(trial: Trial, prepared: Gains) -> Ranked:
     term, count = trial.term, len(trial.lanes) - trial.arms
-    numbers, times = len(free_names(term)), times_of(term)
+    numbers = len(free_names(term)) + times_of(term)
     if trial.arms:
         gain, point, coefficients = _with_point(prepared, count, trial.arms // 3)
-        return Ranked(merit_of(gain, numbers + count + 3, times), _with(term, coefficients, point))
+        return Ranked(merit_of(gain, numbers + count + 3), _with(term, coefficients, point))
     rows = list(range(count))
     numbers += 3 * has_point(term)
     if count <= 3:
-        return Ranked(merit_of(prepared.of(rows), numbers + count, times), _with(term, prepared.coefficients(rows)))
+        return Ranked(merit_of(prepared.of(rows), numbers + count), _with(term, prepared.coefficients(rows)))
     gain, chosen = prepared.pursue(rows, MOST_NUMBERS, LEAST_ENTRY)
     chosen = sorted(chosen)
     best = _with(term, prepared.coefficients(chosen), used=tuple(chosen)) if chosen else term
-    return Ranked(merit_of(gain, numbers + len(chosen), times), best)
+    return Ranked(merit_of(gain, numbers + len(chosen)), best)
 
 
 def _with(term: Term, coefficients: np.ndarray, point: np.ndarray | None = None, used: tuple[int, ...] = ()) -> Term:

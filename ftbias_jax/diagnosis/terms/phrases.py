@@ -85,7 +85,7 @@ DRIVE_WORDS = {
         "weigh the tool at the start and at the end: a changed gain scales all axes, a changed mass does not",
     ),
     "frequency": Words(
-        ("mains hum", "a fan, pump or motor", "a structure that rings"),
+        ("mains hum", "a fan, pump or motor", "a structure that rings", "a regulator of pressure or temperature"),
         "record at rest with motors, pumps and lamps on and off",
         "record at rest, and at a second sampling rate",
     ),
@@ -178,6 +178,8 @@ LIKE = {
     ("joint_velocity", "friction"): "a seal that rubs",
 }
 """What a form resembles most, where that is not the first of what its drive resembles."""
+SLOWEST = {"mains hum": 16.0, "a structure that rings": 2.0, "a fan, pump or motor": 0.2}
+"""Hz; railways have the slowest mains, 16.7 Hz."""
 
 
 FEW = 3
@@ -199,4 +201,6 @@ def resembles(term: Term) -> tuple[str, ...]:
     """Kinds of causes that look like a term, the likeliest first."""
     first = LIKE.get((term.drive, term.form))
     others = DRIVE_WORDS[term.drive].resembles
+    if term.drive == "frequency":
+        others = tuple(kind for kind in others if term.parameters["frequency"] >= SLOWEST.get(kind, 0.0))
     return others if first is None else (first, *(kind for kind in others if kind != first))

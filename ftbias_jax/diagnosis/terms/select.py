@@ -185,12 +185,12 @@ def is_gain_too(term: Term, state: State, noise_std: np.ndarray) -> bool:
 
 
 def numbers_of(term: Term) -> int:
-    """Free numbers of a term."""
-    return len(term.coefficients) + len(free_names(term)) + 3 * has_point(term)
+    """Free numbers of a term, and the times at which it is switched."""
+    return len(term.coefficients) + len(free_names(term)) + 3 * has_point(term) + times_of(term)
 
 
 def _merit(gain: float, term: Term) -> float:
-    return merit_of(gain, numbers_of(term), times_of(term))
+    return merit_of(gain, numbers_of(term))
 
 
 def cancels(term: Term, state: State) -> bool:

@@ -2,11 +2,13 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ftbias_jax.cli.commands import demo
+from ftbias_jax.diagnosis.evidence.causes import in_order
 from ftbias_jax.diagnosis.evidence.estimates import statement_of
 from ftbias_jax.diagnosis.report.sentence import MOST_WORDS, headline, note
 from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap, Regime, Where
@@ -81,9 +83,23 @@ def test_every_term_has_a_headline(key):
     described = FoundTerm(
         *key, "base", acts_as, said, *[{}] * 4, None, (), (), resembles(term), check, 1.0, 0.1, 0.9, {}, said
     )
-    text = headline("described", GAP, (), (described,))
+    text = headline("described", GAP, (described,))
     assert_complete(text)
     assert ("1.500 ± 0.030" if count == 1 else "about 0.35 N") in text
+
+
+@pytest.mark.parametrize(
+    ("total", "order"),
+    [
+        (4.0, ["saturation", "tool_mass", "term", "noise_level"]),
+        (0.01, ["noise_level", "saturation", "tool_mass", "term"]),
+    ],
+)
+def test_what_single_samples_show_is_told_behind_what_explains_the_mean_unless_the_gap_is_small(total, order):
+    term = FoundTerm("time", "step", "base", "force", "a force", *[{}] * 4, None, (), (), (), "", 1, 0.1, 0.9, {})
+    causes = [found(CATALOGUE[name]) for name in order if name != "term"]
+    answer = SimpleNamespace(problem=SimpleNamespace(catalogue=CATALOGUE), terms=(term,), total=total)
+    assert [getattr(one, "effect", "term") for one in in_order(answer, causes)] == order
 
 
 def test_the_tool_is_told_with_the_setup_and_its_twin():

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ftbias_jax.diagnosis.terms.fit_terms import Solved
 from ftbias_jax.diagnosis.terms.grid import make_term
-from ftbias_jax.diagnosis.terms.select import _order, cancels, is_gain_too
+from ftbias_jax.diagnosis.terms.select import _merit, _order, cancels, is_gain_too
 from ftbias_jax.model.effects.terms.columns import count_columns
 
 
@@ -66,3 +66,14 @@ def test_a_field_is_a_gain_of_one_sign_too_in_slow_motion(fast, same):
     assert is_gain_too(own, state, np.full(6, 0.1)) == same
     assert not is_gain_too(up, state, np.full(6, 0.1))
     assert not is_gain_too(replace(own, drive="position"), state, np.full(6, 0.1))
+
+
+def test_times_are_numbers_so_what_turns_back_as_often_explains_as_much_by_less():
+    """As measured: a seal that rubs in a joint that turns back 23 times, and a torque that is switched as often."""
+    switched = make_term("time", "step", "sensor", "wrench", 0, {"time": np.arange(23.0)})
+    rubbing = make_term("joint_velocity", "friction", "joint", "torque", 7, {"speed": np.asarray(0.02)})
+    found = [
+        (_merit(gain, one), Solved((one,), np.zeros((1, 6)), gain, np.zeros((1, 1, 6)), np.zeros(0)))
+        for gain, one in ((527_538.0, switched), (526_000.0, rubbing))
+    ]
+    assert min(found, key=_order)[1].terms == (rubbing,)

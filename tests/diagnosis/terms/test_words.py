@@ -5,7 +5,7 @@ import pytest
 
 from ftbias_jax.diagnosis.terms.found import coefficients_of, grouped, sentence
 from ftbias_jax.diagnosis.terms.grid import make_term
-from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS
+from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS, resembles
 from ftbias_jax.model.effects.terms.columns import count_columns
 from ftbias_jax.model.effects.terms.forms import DRIVES, FORMS
 
@@ -13,6 +13,13 @@ from ftbias_jax.model.effects.terms.forms import DRIVES, FORMS
 def test_every_drive_and_every_form_has_words():
     assert DRIVE_WORDS.keys() == set(DRIVES)
     assert FORM_WORDS.keys() == FORMS.keys()
+
+
+@pytest.mark.parametrize(("hertz", "kind"), [(50.0, "mains"), (5.8, "a fan"), (0.5, "a fan"), (0.07, "a regulator")])
+def test_slow_lines_are_no_mains_hum(hertz, kind):
+    term = make_term("frequency", "line", "sensor", "wrench", 0, {"frequency": np.asarray(hertz)})
+    assert resembles(term)[0].startswith(kind)
+    assert ("a structure that rings" in resembles(term)) is (hertz > 2)
 
 
 @pytest.mark.parametrize("key", FORMS, ids=" ".join)
