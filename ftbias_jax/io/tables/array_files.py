@@ -162,7 +162,8 @@ def _check_header(
 def load_hdf5(file: str, names: Sequence[str]) -> dict[str, Array]:
     """The datasets of these names that are there, none of which takes more than it may."""
     with _opened_hdf5(file) as (h5py, root, budget):
-        datasets = {name: _dataset(h5py, root, name, file) for name in names if _is_there(h5py, root, name, file)}
+        there = [name for name in names if _is_there(h5py, root, name, file)]
+        datasets = {x: _dataset(h5py, root, x, file) for x in there if not isinstance(root[x], h5py.Group)}
         for name, dataset in datasets.items():
             budget.hold(dataset.size * 8, name)
         for name, dataset in datasets.items():
@@ -203,7 +204,7 @@ def _opened_hdf5(file: str) -> Iterator[tuple[Any, Any, Budget]]:
 
 
 def _is_there(h5py: Any, root: Any, path: str, file: str) -> bool:
-    """Whether there is a dataset or group; no link on the way to it is followed."""
+    """Whether there is anything; no link on the way to it is followed."""
     steps = path.split("/")
     for i in range(len(steps)):
         link = root.get("/".join(steps[: i + 1]), getlink=True)

@@ -1,7 +1,9 @@
 """Logs as named arrays, whatever file they come from: names, readers by suffix, and what is made of them."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,8 +12,10 @@ from ftbias_jax.io.check import FURTHER, Part, check_log, further_columns, log_o
 from ftbias_jax.io.log import Log, Repairs
 from ftbias_jax.io.stamps.clock import as_stamps, on_right_clock, put_in_order, rows_at_rate, stamps_of
 from ftbias_jax.io.tables.array_files import load_arrays, load_hdf5, shapes_of_arrays, shapes_of_hdf5
+from ftbias_jax.io.tables.clocks import clocks_of, stamps_by_stream
 from ftbias_jax.io.tables.columns import WIDE, Columns, choose_columns, named_columns
 from ftbias_jax.io.tables.csv import csv_columns
+from ftbias_jax.io.tables.headers import matches
 from ftbias_jax.io.tables.parquet import parquet_columns
 from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.types import Setup
@@ -46,6 +50,8 @@ TEXT = (".txt", ".tsv", ".dat")
 """Suffixes of other tables of text, which are read as CSV."""
 TABLES = (".npz", *COLUMNS, ".h5", ".hdf5")
 """Suffixes of all of them; recordings of ROS have their own (``io.ros``)."""
+OWN_STAMPS = "t"
+"""The name in a header of the stamps of arrays that have some of their own."""
 OURS = ("about", "provenance")
 """Arrays of a log that this program wrote: it has the native names, whatever [log.columns] says of recordings."""
 
@@ -204,11 +210,12 @@ def read_stored(
     if suffix in COLUMNS:
         return COLUMNS[suffix](file, choose), True
     arrays = ARRAY_FILES[suffix](file, (*wanted_arrays(setup), *(OURS if suffix == ".npz" else ())))
-    if arrays.keys() >= set(OURS) or all(map(has, quantities[:needed])):
+    timed = static or setup.log.rate is not None or has("time")
+    if arrays.keys() >= set(OURS) or (timed and all(map(has, quantities[:needed]))):
         return arrays, False
     if not arrays.keys().isdisjoint((*ARRAYS, *POSE_ARRAYS)):
         try:
-            choose(list(_cells(file)))
+            choose(_contents(file).header)
         except LogError:
             return arrays, False
     return array_columns(file, choose), True
@@ -217,29 +224,60 @@ def read_stored(
 def array_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[str, Array]:
     """The columns that ``choose`` takes of a file of arrays, by the names that it gives them.
 
-    An array (T,) is a column, the K of an array (T, K) are called array/0, array/1, ....
+    An array (T,) is a column, the K of an array (T, K) are called array/0, array/1, .... Where no column is the stamps,
+    but arrays have some of their own, the header has a further name for these, and the log gets those of its streams.
     """
-    cells = _cells(file)
-    columns = {key: [cells[name] for name in names] for key, names in choose(list(cells)).items() if names}
-    used = dict.fromkeys(name for found in columns.values() for name, _ in found)
-    arrays = ARRAY_FILES[suffix_of(file)](file, list(used))
+    cells, clocks, header = _contents(file)
+    chosen = dict(choose(header))
+    if clocks and chosen.get("t") == (OWN_STAMPS,):
+        del chosen["t"]
+    else:
+        clocks = {}
+    columns = {key: [cells[name] for name in names] for key, names in chosen.items() if names}
+    used = {key: {array for array, _ in found} for key, found in columns.items()}
+    needed = set[str]().union(*used.values())
+    arrays = ARRAY_FILES[suffix_of(file)](file, sorted(needed | {clocks[name] for name in needed & clocks.keys()}))
+    if not clocks:
+        _check_lengths(arrays, file)
+    numbers = {key: [_column(arrays[name], entry) for name, entry in found] for key, found in columns.items()}
+    stacked = {key: np.stack(found, 1) if key in WIDE else found[0] for key, found in numbers.items()}
+    return stacked | (stamps_by_stream(used, clocks, arrays, file) if clocks else {})
+
+
+class _Contents(NamedTuple):
+    """What a file of arrays has, as columns."""
+
+    cells: Mapping[str, tuple[str, int | None]]
+    """Name of a column -> the array, and the entry of its rows; None = it has one number a row."""
+    clocks: Mapping[str, str]
+    """Array -> its stamps, if no column is those of all."""
+    header: list[str]
+
+
+def _contents(file: str) -> _Contents:
+    shapes = SHAPES[suffix_of(file)](file)
+    cells = _cells(shapes)
+    clocks = {} if matches("time", list(cells)) else clocks_of(shapes)
+    return _Contents(cells, clocks, [*cells, *([OWN_STAMPS] if clocks else [])])
+
+
+def _check_lengths(arrays: Mapping[str, Array], file: str) -> None:
     first = next(iter(arrays), "")
     for name, values in arrays.items():
         if len(values) != len(arrays[first]):
             message = f"has {len(values)} samples, {first} {len(arrays[first])}"
             raise LogError(message, file=file, field=name, remedy="store t_joints and t_wrench, or one row a sample")
-    numbers = {key: [_column(arrays[name], entry) for name, entry in found] for key, found in columns.items()}
-    return {key: np.stack(found, 1) if key in WIDE else found[0] for key, found in numbers.items()}
 
 
-def _cells(file: str) -> dict[str, tuple[str, int | None]]:
-    """Names of columns, and where each is: the array, and the entry of its rows; None = it has one number a row."""
+def _cells(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, tuple[str, int | None]]:
+    """As of ``_Contents``; what holds the numbers of a group has the group's name."""
     cells: dict[str, tuple[str, int | None]] = {}
-    for name, shape in SHAPES[suffix_of(file)](file).items():
+    for array, shape in shapes.items():
+        name = re.sub("/(data|values?)$", "", array)
         if len(shape) == 1:
-            cells[name] = (name, None)
+            cells[name] = (array, None)
         elif len(shape) == 2 and shape[1] <= WIDEST:
-            cells |= {f"{name}/{i}": (name, i) for i in range(shape[1])}
+            cells |= {f"{name}/{i}": (array, i) for i in range(shape[1])}
     return cells
 
 
