@@ -234,7 +234,7 @@ def array_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict
     else:
         clocks = {}
     columns = {key: [cells[name] for name in names] for key, names in chosen.items() if names}
-    used = {key: {array for array, _ in found} for key, found in columns.items()}
+    used = {key: sorted({array for array, _ in found}) for key, found in columns.items()}
     needed = set[str]().union(*used.values())
     arrays = ARRAY_FILES[suffix_of(file)](file, sorted(needed | {clocks[name] for name in needed & clocks.keys()}))
     if not clocks:

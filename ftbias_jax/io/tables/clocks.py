@@ -39,7 +39,7 @@ def clocks_of(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
 def stamps_by_stream(
     used: Mapping[str, Iterable[str]], clocks: Mapping[str, str], arrays: Mapping[str, Array], file: str
 ) -> dict[str, Array]:
-    """The stamps t_joints and t_wrench of a log, or t if there is but one stream, of what each of its parts is made of.
+    """The stamps t_joints and t_wrench of a log, or t if they are the same, of what each of its parts is made of.
 
     Raises:
         LogError: arrays of a stream have other stamps, or none.
@@ -53,7 +53,8 @@ def stamps_by_stream(
             if not np.array_equal(np.asarray(found.setdefault(stream, t)), np.asarray(t)):
                 message = f"has other stamps, {clocks[name]}, than what belongs to it"
                 raise LogError(message, file=file, field=name, remedy=_REMEDY)
-    return found if len(found) > 1 else {"t": next(iter(found.values()))}
+    first = next(iter(found.values()))
+    return {"t": first} if all(np.array_equal(t, first) for t in found.values()) else found
 
 
 _REMEDY = "store the stamps of the joints as t_joints, and those of the wrench as t_wrench"
