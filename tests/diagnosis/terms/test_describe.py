@@ -1,5 +1,6 @@
 """Terms take the place of effects, or effects that of terms, by what each does to the reading on made-up fits."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -83,3 +84,25 @@ def test_an_event_or_a_pull_that_something_else_explains_as_well_has_a_rival(eff
     term = described(CHANGE, drive, gain)
     found = describe._rivals(PROBLEM, fit_of("", 0, BEFORE), accepted, [(0.0, term)])
     assert bool(found) == rival
+
+
+@pytest.mark.parametrize(("drive", "taken"), [(("temperature", "calibrated"), True), (("orientation", "map"), False)])
+def test_one_term_takes_the_place_of_several_effects_that_explain_no_more(monkeypatch, drive, taken):
+    """Gauges whose gain depends on the temperature: gains explain most, and drift with temperature the rest."""
+    base = fit_of("", 0, BEFORE)
+    first = fit_of("gain", 3, BEFORE, 990.0)
+    both = first._replace(hypotheses=(Hypothesis("gain"), Hypothesis("temperature_drift")), log_likelihood=1000.0)
+    both = both._replace(columns=Columns(np.zeros((9, BINS, 6)), np.zeros((0, BINS, 6))))
+    term = described(CHANGE, drive, 1005.0)
+    term = term._replace(terms=tuple(replace(one, coefficients=np.zeros(6)) for one in term.terms))
+    merit = describe.merit_of(1005.0, describe.numbers_of(term.terms[0]))
+    step = SimpleNamespace(described=SimpleNamespace(fit=base._replace(log_likelihood=1005.0), terms=term.terms))
+    search = SimpleNamespace(
+        best=lambda start: [(merit, term)] if start is base else [],
+        grow=lambda start, found: [step] if start is base else [],
+    )
+    monkeypatch.setattr(describe, "Search", lambda *given: search)
+    monkeypatch.setattr(describe, "_holds", lambda *given: True)
+    rounds = [[Scored(first, 0.0)], [Scored(both, 0.0)]]
+    outcome = describe.describe(PROBLEM, None, base, both, rounds, explained=True)
+    assert (outcome.description is not None) is taken
