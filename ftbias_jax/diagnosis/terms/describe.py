@@ -90,12 +90,12 @@ def describe(
         kept, found, said = _by_name(search, kept, found, said)
     stands = [h.effect for h in kept.hypotheses] == names
     answer = Outcome(rivals=_rivals(problem, base, accepted, first) if explained else ())
-    theirs = merit_of(accepted.log_likelihood - base.log_likelihood, _numbers(accepted))
+    theirs = _merit(base, accepted)
     # One term in the place of several effects is the simpler answer, and need not be clearly better; but what follows
     # gravity stands for nearly any tool with gains and leaks.
     several = len(found_names) > 1 and CATALOGUE.keys() >= set(found_names)
     simpler = several and bool(first) and first[0][1].terms[0].drive != GRAVITY
-    if stands and explained and simpler and _alone(base, first[0][1]) > theirs:
+    if stands and explained and simpler and _merit(base, base, first[0][1].terms, first[0][1].log_likelihood) > theirs:
         kept, found, said, stands = base, first, rounds[: len(base.hypotheses)], False
     if stands and explained:
         return answer
@@ -108,17 +108,17 @@ def describe(
     if not explained and not stands and not _holds(problem, hold_out, base, fit, accepted, 1 - NEARLY):
         return answer
     if explained:
-        numbers = _numbers(kept) + sum(numbers_of(term) for term in steps[-1].described.terms)
-        ours = merit_of(fit.log_likelihood - base.log_likelihood, numbers)
+        ours = _merit(base, kept, steps[-1].described.terms, fit.log_likelihood)
         if ours < (1.0 if simpler else CLEARLY) * theirs or not _holds(problem, hold_out, base, fit, accepted, AS_WELL):
             return answer
     moved = kept._replace(z=fit.z, coefficients=fit.coefficients) if kept.hypotheses else kept
     return Outcome(Description(moved, said, fit, tuple(steps), search))
 
 
-def _alone(base: Fit, one: Solved) -> float:
-    """Merit of a term beside nothing but the nominal model."""
-    return merit_of(one.log_likelihood - base.log_likelihood, _numbers(base) + numbers_of(one.terms[0]))
+def _merit(base: Fit, kept: Fit, terms: Sequence[Term] = (), log_likelihood: float | None = None) -> float:
+    """Of effects, and of terms beside them with which they have this likelihood, over the nominal model."""
+    reached = kept.log_likelihood if log_likelihood is None else log_likelihood
+    return merit_of(reached - base.log_likelihood, _numbers(kept) + sum(map(numbers_of, terms)))
 
 
 def _numbers(found: Fit) -> int:

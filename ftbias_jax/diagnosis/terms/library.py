@@ -151,12 +151,15 @@ def _gains(library: Library, prepared_fit: PreparedFit) -> list[Gains]:
 
 
 def merit_of(gain: float, numbers: int) -> float:
-    """nats that count of a gain by so many free numbers."""
+    """nats that count of a gain by so many free numbers; times are numbers, too.
+
+    What is switched each time a joint turns back says what friction of that joint says by two numbers.
+    """
     return gain * (1 - SHARE_PER_NUMBER * numbers) - NATS_PER_DEGREE * numbers
 
 
 def times_of(term: Term) -> int:
-    """How often a term is switched on or off; as often as a joint turns back, it can be taken for friction there."""
+    """How often a term is switched on or off."""
     return np.size(term.parameters["time"]) if "time" in term.parameters else 0
 
 

@@ -75,8 +75,9 @@ def continue_after_jumps(streams: Sequence[Array], file: str = "") -> tuple[tupl
 
 
 def as_stamps(t: Array, *, file: str = "", field: str = "t") -> Array:
-    """The (T,) stamps as float64 (s) or int64 (ns), in the order in which they are."""
+    """The stamps, (T,) or a column (T, 1), as (T,) float64 (s) or int64 (ns), in the order in which they are."""
     t = np.asarray(t)
+    t = t[:, 0] if t.shape[1:] == (1,) else t
     if t.ndim != 1 or t.dtype.kind not in "fiu":
         message = f"has shape {t.shape} and type {t.dtype}"
         raise LogError(message, file=file, field=field, remedy="time is one list of numbers: s, or ns if integer")

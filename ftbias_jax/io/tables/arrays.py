@@ -236,7 +236,8 @@ def array_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict
     columns = {key: [cells[name] for name in names] for key, names in chosen.items() if names}
     used = {key: sorted({array for array, _ in found}) for key, found in columns.items()}
     needed = set[str]().union(*used.values())
-    arrays = ARRAY_FILES[suffix_of(file)](file, sorted(needed | {clocks[name] for name in needed & clocks.keys()}))
+    stored = ARRAY_FILES[suffix_of(file)](file, sorted(needed | {clocks[name] for name in needed & clocks.keys()}))
+    arrays = {name: values.reshape(_plain(values.shape)) for name, values in stored.items()}
     if not clocks:
         _check_lengths(arrays, file)
     numbers = {key: [_column(arrays[name], entry) for name, entry in found] for key, found in columns.items()}
@@ -255,10 +256,15 @@ class _Contents(NamedTuple):
 
 
 def _contents(file: str) -> _Contents:
-    shapes = SHAPES[suffix_of(file)](file)
+    shapes = {name: _plain(shape) for name, shape in SHAPES[suffix_of(file)](file).items()}
     cells = _cells(shapes)
     clocks = {} if matches("time", list(cells)) else clocks_of(shapes)
     return _Contents(cells, clocks, [*cells, *([OWN_STAMPS] if clocks else [])])
+
+
+def _plain(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """That of one list, of a column of a matrix."""
+    return shape[:1] if shape[1:] == (1,) else shape
 
 
 def _check_lengths(arrays: Mapping[str, Array], file: str) -> None:

@@ -58,6 +58,18 @@ def test_streams_have_the_stamps_that_their_names_show(tmp_path, streams, suffix
         np.testing.assert_array_equal(ours, theirs)
 
 
+@pytest.mark.parametrize(
+    "names", [("t", "q", "wrench"), ("time", "joint_pos", "ft"), ("joint_time", "joint_pos", "ft_time", "ft")]
+)
+def test_stamps_may_be_a_column_of_a_matrix(tmp_path, streams, names):
+    t, q, _, wrench = streams
+    values = (t, q, wrench[:JOINTS]) if len(names) == 3 else (t, q, t, wrench[:JOINTS])
+    flat = {name: x if x.ndim == 2 else x[:, None] for name, x in zip(names, values, strict=True)}
+    log = read_log(written(tmp_path / "log.npz", flat), SETUP)
+    np.testing.assert_array_equal(log.t, t)
+    np.testing.assert_array_equal(log.q, q)
+
+
 def test_streams_with_one_clock_are_a_table(tmp_path, streams):
     t, q, _, wrench = streams
     stamped = {"a/t": t, "a/q": q, "b/t": t, "b/wrench": wrench[:JOINTS]}
