@@ -51,7 +51,7 @@ def put(name, index, value):
         (put("t", 2, np.nan), "t", "NaN time: t[2] is nan", "finite stamp"),
         (put("t", 1, np.inf), "t", "NaN time: t[1] is inf", "finite stamp"),
         (put("t", 3, 99), "t", "time does not increase: t[3] = 99.0 after t[2] = 101.0", "sort the samples"),
-        ({"t": np.zeros((T, 1))}, "t", "has shape (4, 1) and type float64", "one list of numbers"),
+        ({"t": np.zeros((T, 2))}, "t", "has shape (4, 2) and type float64", "one list of numbers"),
         ({"t": np.array(["0", "1"])}, "t", "type <U1", "one list of numbers"),
         ({"t": np.array([1.0])}, "t", "has 1 samples", "at least 2"),
         ({"t": np.array([])}, "t", "has 0 samples", "at least 2"),
