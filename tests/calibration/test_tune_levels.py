@@ -49,6 +49,7 @@ def off_by(params, sensor, drift):
     )
 
 
+@pytest.mark.slow
 def test_noise_that_is_right_stays_to_the_last_digit(log, right):
     found = near_the_level(right, [log], BOTH, ft.Options())
     np.testing.assert_array_equal(found.bias.density, right.bias.density)

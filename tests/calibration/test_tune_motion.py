@@ -58,6 +58,7 @@ def shown(factor, speed):
     return Vibration(one, factor * WEIGHTS, speed, 50.0, Shares(one, one), True)
 
 
+@pytest.mark.slow
 def test_weights_speed_and_the_rest_come_back_within_their_errors(truth):
     start = truth._replace(bias=truth.bias._replace(wrench_variance=4 * truth.bias.wrench_variance))
     logs = [moving_log(truth, seed) for seed in (0, 1)]

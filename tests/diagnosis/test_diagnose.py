@@ -126,6 +126,7 @@ def test_without_its_name_in_the_catalogue_the_gap_is_not_explained_away(setup, 
     assert {name for name, _ in diagnosis.not_tested} >= set(withheld)
 
 
+@pytest.mark.slow
 def test_a_log_that_is_touched_all_along_shows_nothing_else(setup, record):
     log = record(None)
     walk = np.random.default_rng(0).normal(size=(len(log.t), 3)).cumsum(0) * np.sqrt(log.t[1])

@@ -91,6 +91,7 @@ LEAKS = np.eye(6)
 LEAKS[3:, :3] = 1e-3 * np.array([[1, -2, 3], [4, -1, 2], [-3, 2, 4]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "true"), [("gain", {"gain": FX_READS_LESS}), ("crosstalk", {"matrix": LEAKS})], ids=["gain", "crosstalk"]
 )

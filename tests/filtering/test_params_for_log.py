@@ -116,6 +116,7 @@ def test_a_fit_uses_what_is_left_once_a_lag_is_forgotten(params, log):
     np.testing.assert_array_equal(params_for_log.useful_samples(log, params).wrench, log.wrench)
 
 
+@pytest.mark.slow
 def test_smoothing_is_that_of_the_samples_that_passed_the_gate(params, samples, log):
     options = Options(gate=40.0)
     _, states, infos = by_params.found_in(params, log, options, ("smooth_joints", "filter_bias", "smooth_bias"))

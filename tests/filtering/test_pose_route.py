@@ -82,6 +82,7 @@ def assert_as_good(result, truth, by_joints, factor=2.0):
     assert (np.sqrt((error**2).mean(0)) < factor * np.sqrt((by_joint**2).mean(0))).all()
 
 
+@pytest.mark.slow
 def test_orientation_and_position(truth, by_joints, tmp_path):
     setup = pose_setup(orientation="quaternion_wxyz", orientation_noise_std=1e-4, position_noise_std=1e-4)
     arrays = {"orientation": truth["quaternion_wxyz"], "position": truth["position"]}
@@ -126,6 +127,7 @@ def test_missing_orientations_cost_accuracy_and_nothing_else(truth, tmp_path):
     assert error[200:].max() < 6
 
 
+@pytest.mark.slow
 def test_accelerations_that_go_with_the_turning_are_not_taken_for_weight(truth):
     """Of orientations alone: the arm swings the sensor at a distance that nobody recorded."""
     setup = pose_setup(orientation="quaternion_wxyz", linear="none", orientation_noise_std=1e-4, acceleration_std=0.5)

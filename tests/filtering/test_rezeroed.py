@@ -66,6 +66,7 @@ def test_times_outside_of_a_log_and_padding_say_nothing(zeroed):
     np.testing.assert_array_equal(np.flatnonzero(padded.rezeroed), [len(log.t) - 1])
 
 
+@pytest.mark.slow
 def test_the_filter_finds_the_bias_again_behind_each_jump_and_its_error_bars_hold(zeroed, filtered):
     _, _, bias = zeroed
     off = (filtered.bias - bias) / filtered.bias_std

@@ -130,6 +130,7 @@ def test_a_motion_for_the_noise_tells_that_at_rest_and_what_each_speed_adds():
     assert max(std.values()) < 0.15
 
 
+@pytest.mark.slow
 def test_two_effects_are_compared_where_they_come_nearest_to_one_another(setup):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(climb, "CALLS", 1)

@@ -162,6 +162,7 @@ def table(tmp_path, t, q, wrench):
     return tmp_path / "log.csv", tmp_path / "setup.toml"
 
 
+@pytest.mark.slow
 def test_a_payload_that_the_controller_subtracts_needs_no_mass(tmp_path, capsys):
     """From the log to a corrected wrench and a diagnosis, without a word of a tool."""
     t, q, wrench = made.arm_log(samples=1500)

@@ -49,6 +49,7 @@ def agrees(finding, name, truth, errors=3.0):
     np.testing.assert_array_less(np.abs(value - truth), errors * stderr + 1e-12)
 
 
+@pytest.mark.slow
 def test_clean_logs_raise_no_alarm():
     for seed in range(200):
         recording = Recording(seed, 125.0, 20.0, stated_error=0.02 * (-1) ** seed)

@@ -23,6 +23,7 @@ def log_of(q, push=0.0):
     return Log.from_arrays(UNKNOWN, np.arange(len(q)) / 50.0, q, wrench)
 
 
+@pytest.mark.slow
 def test_at_rest_the_bias_has_the_weight_and_a_push_is_seen():
     log = log_of(np.tile(POSE, (400, 1)), push=8.0)
     result = ft.filter_log(UNKNOWN, log)

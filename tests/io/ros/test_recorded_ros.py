@@ -26,6 +26,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_ur10e_that_picks(folder, shared_data, capsys):
     bag = shared_data / "real" / "ur10e_pick.bag"
     assert main(["info", str(bag), "--setup", "setup.toml"]) == 0
