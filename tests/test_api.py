@@ -214,6 +214,13 @@ def test_what_is_neither_setup_nor_log_nor_a_path_is_said(verb, setup):
             getattr(ft, verb)(setup, given)
 
 
+def test_static_poses_are_no_log_of_motion(setup):
+    poses = ft.Poses(np.arange(4.0), True, np.zeros((4, 2)), np.zeros((4, 6)))
+    for verb in (ft.diagnose, ft.calibrate, ft.tune):
+        with pytest.raises(ft.UsageError, match="identify_tool"):
+            verb(setup, [poses])
+
+
 def test_paths_stand_for_what_they_name(setup, made, tmp_path):
     (tmp_path / "setup.toml").write_text(small_archive.SETUP, encoding="utf-8")
     made.save(tmp_path / "log.npz")

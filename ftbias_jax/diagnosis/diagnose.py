@@ -86,23 +86,23 @@ def diagnose(
         SetupError, LogError: the logs show a mistake of units, signs or frames, have no wrench, or fit nothing.
         UsageError: no log, or an unknown effect.
     """
-    return explain(as_setup(setup, effects), logs, names, without, unchecked, progress)[0]
+    setup = as_setup(setup, effects)
+    return explain(setup, as_logs(logs, setup, raw=True), names, without, unchecked, progress)[0]
 
 
 def explain(
     setup: Setup,
-    logs: GivenLog | Iterable[GivenLog],
+    logs: Sequence[Log],
     names: Sequence[str] = (),
     without: Collection[str] = (),
     unchecked: bool = False,
     progress: Callable[[str], None] = silent,
 ) -> tuple[Diagnosis, Answer]:
-    """The diagnosis, and the fits that it tells of; arguments as of ``diagnose``.
+    """The diagnosis, and the fits that it tells of; arguments as of ``diagnose``, which has read the logs.
 
     Raises:
         UsageError and others: as of ``diagnose``.
     """
-    logs = as_logs(logs, setup, raw=True)
     names = names or names_of(logs)
     if len(names) != len(logs):
         message = f"got {len(logs)} logs and {len(names)} names"
