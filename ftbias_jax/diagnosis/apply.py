@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ftbias_jax.diagnosis.report.tables import parameter_words
-from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
+from ftbias_jax.diagnosis.result import WANDER, Candidate, Diagnosis, FoundTerm
 from ftbias_jax.errors import SetupError
 from ftbias_jax.setup.types import Setup
 
@@ -31,13 +31,17 @@ def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[Found
     Args:
         setup: of the diagnosis.
         causes: their values replace those the setup has for the same effect.
-        terms: come after those that the setup has.
+        terms: come after those that the setup has; a bias that wanders changes what it states of the bias.
     """
     from ftbias_jax.model.effects.terms.parse import TERM
 
     causes = [cause for cause in causes if not _refusal(setup, {cause.effect: cause.parameters})]
     setup, causes = _with_tool(setup, causes)
-    sections = [term.section for term in terms if not _refusal(setup, {TERM: [term.section]})]
+    for term in terms:
+        if term.form == WANDER:
+            density = np.asarray(term.section["noise_density"], float)
+            setup = replace(setup, bias=replace(setup.bias, noise_density=density))
+    sections = [term.section for term in _of_effects(terms) if not _refusal(setup, {TERM: [term.section]})]
     effects: dict[str, Any] = {**setup.effects, **{cause.effect: cause.parameters for cause in causes}}
     if sections:
         effects[TERM] = [*effects.get(TERM, ()), *sections]
@@ -74,8 +78,13 @@ def refused(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm
     from ftbias_jax.model.effects.terms.parse import TERM
 
     sections: list[dict[str, Any]] = [{cause.effect: cause.parameters} for cause in causes]
-    sections += [{TERM: [term.section]} for term in terms]
+    sections += [{TERM: [term.section]} for term in _of_effects(terms)]
     return tuple(why for section in sections if (why := _refusal(setup, section)))
+
+
+def _of_effects(terms: Sequence[FoundTerm]) -> list[FoundTerm]:
+    """The terms that a setup states among its effects."""
+    return [term for term in terms if term.form != WANDER]
 
 
 def some_applied(diagnosis: Diagnosis, not_stated: Sequence[str]) -> bool:

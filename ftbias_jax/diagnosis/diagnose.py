@@ -19,14 +19,15 @@ from ftbias_jax.diagnosis.report.sentence import headline, no_free_motion, note
 from ftbias_jax.diagnosis.report.series import show, where
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, together
-from ftbias_jax.diagnosis.search import enough, gap_of
+from ftbias_jax.diagnosis.search import enough, follows_motion, gap_of
 from ftbias_jax.diagnosis.terms.describe import describe, follows_something
 from ftbias_jax.diagnosis.terms.found import found_terms
 from ftbias_jax.diagnosis.terms.loads import all_carried
 from ftbias_jax.diagnosis.terms.noise import louder, noise_term
 from ftbias_jax.diagnosis.terms.select import state_of_problem
 from ftbias_jax.diagnosis.terms.spectra import fast_lines
-from ftbias_jax.diagnosis.thresholds import USEFUL_SHARE
+from ftbias_jax.diagnosis.terms.wander import is_all, told, wander_of
+from ftbias_jax.diagnosis.thresholds import AS_WELL, LEAST_SIGMAS, USEFUL_SHARE
 from ftbias_jax.diagnosis.tool_first import Searched, no_surer, search_causes, stderr_of_tool
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering.quality.at_rest import rest_in_words, weight_in_bias
@@ -121,12 +122,12 @@ def explain(
     before = hold_out(base, base.error)
     quiet = is_quiet(problem, measure_gap(problem, before, before))
     carried = all_carried(problem, base) if not quiet and TERM not in without else None
+    excluded = {*without, *not_shown(setup)}
     if carried:
         problem, base, hold_out = carried, fits.base(carried), Judge(carried)
         before = hold_out(base, base.error)
         searched = Searched(base, base, [])
     else:
-        excluded = {*without, *not_shown(setup)}
         searched = search_causes(setup, problem, base, hold_out, excluded, progress)
         settled = _settled(problem, searched.accepted)
         if settled is not problem:
@@ -144,8 +145,12 @@ def explain(
     ):
         progress("trying terms")
         answer = _with_terms(answer, fast_lines(logs, samples))
+        if not carried and not pushed and gap_of(problem, searched.accepted) > LEAST_SIGMAS**2:
+            answer, wanders = _with_wander(setup, answer, searched, excluded, progress)
+            loud += wanders
     progress("writing the report")
     answer, verdict, causes = _judged(answer, loud)
+    problem, base = answer.problem, answer.base
     if pushed := pushed and verdict not in ("explained", "described"):  # a push follows nothing
         answer, verdict, causes = _without_causes(answer)._replace(terms=()), "unknown", ()
     of_tool = stderr_of_tool(setup, problem, answer.accepted)
@@ -228,6 +233,31 @@ def _with_terms(answer: Answer, lines: Sequence[float]) -> Answer:
     gap = measure_gap(problem, answer.before, after)
     terms = found_terms(problem, described, gap)
     return answer._replace(accepted=described.kept, rounds=described.rounds, after=after, gap=gap, terms=terms)
+
+
+def _with_wander(
+    setup: Setup, answer: Answer, searched: Searched, without: Collection[str], progress: Callable[[str], None]
+) -> tuple[Answer, tuple[FoundTerm, ...]]:
+    """The answer with a bias that wanders, and its term, where that says more than terms beside what was searched."""
+    problem, seconds = answer.problem, max(answer.problem.duration, 1e-9)
+    beside, causes = searched.accepted, searched.accepted.hypotheses
+    steady = tuple(h for h in causes if follows_motion(problem, h.effect))
+    if steady != causes:  # drift, jumps and contact are slow themselves: they come after it
+        beside = fits.fit(problem, steady, answer.base) if steady else answer.base
+    wander, by_causes = wander_of(problem, beside), answer.hold_out(beside, answer.base.error)
+    if wander is None or wander.nats / seconds < AS_WELL * (answer.after.nats - by_causes.nats):
+        return answer, ()
+    progress("trying a bias that wanders")
+    wide = problem.wandering(wander.density)
+    base, hold_out = fits.base(wide), Judge(wide)
+    again = search_causes(setup, wide, base, hold_out, without)
+    if not is_all(wander, wide, base, again.accepted, hold_out):
+        return answer, ()
+    after = hold_out(again.accepted, base.error)
+    gap = measure_gap(wide, answer.before, after)
+    share = max(gap.shrink - measure_gap(problem, answer.before, by_causes).shrink, 0.0)
+    wandering = Answer(wide, hold_out, base, answer.found, *again, answer.before, after, gap, answer.total)
+    return wandering, (told(wander, seconds, share),)
 
 
 def _judged(answer: Answer, loud: tuple[FoundTerm, ...]) -> tuple[Answer, str, tuple[Candidate, ...]]:

@@ -65,6 +65,11 @@ class Part(NamedTuple):
         wrench = self.wrench._replace(variance=jax.device_put(variance))
         return self._replace(wrench=wrench, whiten=make_whitener(wrench, self.used))
 
+    def wandering(self, density: np.ndarray) -> Self:
+        """The same log with a bias whose drift has this density, (6,) N/s^1.5, Nm/s^1.5."""
+        wrench = self.wrench._replace(density=jax.device_put(density))
+        return self._replace(wrench=wrench, whiten=make_whitener(wrench, self.used))
+
     @property
     def begins_in_motion(self) -> bool:
         """Whether the arm moves at the first bin."""
@@ -142,6 +147,10 @@ class Problem(NamedTuple):
         pairs = zip(waits, self.parts, strict=True)
         parts = tuple(part.silent_before(wait) if wait else part for wait, part in pairs)
         return self.without(self.t < np.array(waits)[self.log])._replace(parts=parts)
+
+    def wandering(self, density: np.ndarray) -> Self:
+        """The same with a bias whose drift has this density, (6,) N/s^1.5, Nm/s^1.5."""
+        return self._replace(parts=tuple(part.wandering(density) for part in self.parts))
 
     def louder(self, added: np.ndarray) -> Self:
         """The same with more variance (U, 6) N^2, Nm^2 of the bins' means."""

@@ -14,6 +14,9 @@ from ftbias_jax.setup.types import Setup
 ALL_ALONG, AT_ONCE, GROWING = "all along", "at once", "growing"
 """How a cause begins."""
 
+WANDER = "wander"
+"""Form of the term that is a bias which wanders more than the setup states."""
+
 VERDICTS = ("none", "explained", "described", "partly_explained", "unknown")
 
 Numbers: TypeAlias = "float | list[Numbers]"
@@ -101,7 +104,7 @@ class FoundTerm(NamedTuple):
     shrink: float
     """Its share of the whole gap on held-out blocks."""
     section: dict[str, Any]
-    """The term as a section ``[[effects.term]]`` of a setup."""
+    """The term as a section ``[[effects.term]]`` of a setup; of a bias that wanders keys of its [bias]."""
     statement: str = ""
     """What acts, how much and on what, in everyday words; "" = ``text``."""
     curve: Curve | None = None

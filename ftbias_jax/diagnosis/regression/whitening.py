@@ -64,7 +64,7 @@ class Whitener(NamedTuple):
 def make_whitener(problem: WrenchProblem, used: int) -> Whitener:
     """Matrices of the bias filter of one log, which uses so many bins before the padding."""
     n = -(-used // STRETCH)
-    gains, weight = (_filled(x, n) for x in _recursion(problem, used))
+    gains, weight = (_filled(x, n) for x in recursion(problem, used))
     dt = _filled(np.asarray(problem.dt)[:used], n)
     lanes = STRETCH + 2  # a reading of one in each bin of the stretch, then a bias and a drift of one before it
     white, (bias, drift) = np.zeros((STRETCH, n, 6, lanes)), np.zeros((2, n, 6, lanes))
@@ -81,11 +81,11 @@ def make_whitener(problem: WrenchProblem, used: int) -> Whitener:
     return Whitener(*(np.ascontiguousarray(part) for part in parts))
 
 
-def _recursion(problem: WrenchProblem, used: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gains (U, 2, 6) of bias and drift, 1 and 1/s, and (U, 6) one over the innovations' standard deviation.
+def recursion(problem: WrenchProblem, used: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gains (U, 2, k) of bias and drift, 1 and 1/s, and (U, k) one over the innovations' standard deviation.
 
     The covariance is that of ``process_models.drift_noise``, larger where the sensor was set to zero. Both are 0 where
-    nothing was measured.
+    nothing was measured. The k axes are six, or those of several densities side by side.
     """
     dt, variance = np.asarray(problem.dt)[:used], np.asarray(problem.variance)[:used]
     variance = np.where(np.isfinite(np.asarray(problem.wrench)[:used]), variance, np.inf)
@@ -93,10 +93,11 @@ def _recursion(problem: WrenchProblem, used: int) -> tuple[np.ndarray, np.ndarra
     # Of the variance of the bias, its covariance with the drift, and the variance of the drift.
     steps = np.array([[one, 2 * dt, dt**2], [zero, one, dt], [zero, zero, one]]).transpose(2, 0, 1)
     noises = np.stack([dt**3 / 3, dt**2 / 2, dt], 1)[:, :, None] * np.asarray(problem.density) ** 2
-    prior = np.asarray(problem.prior_std).reshape(2, 6) ** 2
-    state = np.stack([prior[0], np.zeros(6), prior[1]])
-    jump = np.zeros((used, 6)) if problem.jump is None else np.asarray(problem.jump)[:used]
-    gains, spread = np.zeros((used, 2, 6)), np.zeros((used, 6))
+    axes = variance.shape[1]
+    prior = np.asarray(problem.prior_std).reshape(2, axes) ** 2
+    state = np.stack([prior[0], np.zeros(axes), prior[1]])
+    jump = np.zeros((used, axes)) if problem.jump is None else np.asarray(problem.jump)[:used]
+    gains, spread = np.zeros((used, 2, axes)), np.zeros((used, axes))
     for k in range(used):
         state = steps[k] @ state + noises[k]
         state[0] += jump[k]

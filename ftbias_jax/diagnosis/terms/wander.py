@@ -1,0 +1,176 @@
+"""A bias that wanders more than the setup states: what is left of the gap is slow, and follows nothing.
+
+How much it wanders is the density sigma_Q of maximum likelihood, axis by axis, of the bias filter on what a fit leaves.
+A bias that may wander takes in whatever is slow. But what follows a motion comes back with it, while white noise that
+is integrated twice goes the further the longer the log is: what does not go as far as its density says is no bias.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ftbias_jax.diagnosis import thresholds
+from ftbias_jax.diagnosis.evidence.gap import Judge
+from ftbias_jax.diagnosis.problem import Part, Problem
+from ftbias_jax.diagnosis.regression.evaluate import readings
+from ftbias_jax.diagnosis.regression.fit import Fit, base, fit
+from ftbias_jax.diagnosis.regression.whitening import recursion
+from ftbias_jax.diagnosis.result import WANDER, FoundTerm
+from ftbias_jax.diagnosis.terms.select import Search
+from ftbias_jax.types import AXES, AXIS_UNITS
+
+FACTORS = 2.0 ** np.arange(20)
+"""Densities that are tried, in those that are stated."""
+LEAST_DENSITY = 1e-5
+"""1/s^1.5: the same in standard deviations of a sample, where less or nothing is stated."""
+ROUNDS = 4
+"""Of the density, and of the effects' numbers that are most likely with it."""
+
+
+class Wander(NamedTuple):
+    """How much the bias wanders beside a fit."""
+
+    density: np.ndarray
+    """(6,) N/s^1.5, Nm/s^1.5; as stated on axes that show no more."""
+    stderr: np.ndarray
+    """(6,); 0 on these."""
+    stated: np.ndarray
+    """(6,)."""
+    nats: float
+    """Over the fit with the stated density, less the price of the numbers."""
+    nats_stderr: float
+
+
+def wander_of(problem: Problem, found: Fit) -> Wander | None:
+    """How much the bias wanders if it makes what a fit leaves; None if that is not surely more than stated.
+
+    With another density other numbers of the same effects are the most likely, and leave another bias.
+    """
+    if any(part.wrench.jump is not None for part in problem.parts):
+        return None
+    stated = np.asarray(problem.parts[0].wrench.density)
+    densities = np.vstack([stated, FACTORS[:, None] * np.maximum(stated, LEAST_DENSITY * problem.noise_std)])
+    left = _left(problem, found)
+    first = nats = _nats(problem, left, densities)
+    octave, stderr, wanders = _most_likely(nats.sum(0))
+    for _ in range(ROUNDS - 1 if found.hypotheses else 0):
+        wide = problem.wandering(np.where(wanders, densities[1] * 2.0**octave, stated))
+        left = _left(wide, fit(wide, found.hypotheses, base(wide)))
+        nats = _nats(problem, left, densities)
+        octave, stderr, wanders = _most_likely(nats.sum(0))
+    density = densities[1] * 2.0**octave
+    went = _went(problem, left, density)
+    wanders &= went > thresholds.LEAST_WENT
+    if not wanders.any() or went[wanders].mean() < thresholds.LEAST_WENT_OF_ALL:
+        return None
+    row = np.where(wanders, 1 + np.rint(octave).astype(int), 0)
+    gains = np.bincount(problem.block(thresholds.BLOCK_SECONDS), (nats[:, row, range(6)] - first[:, 0]).sum(1))
+    gain, error = gains.sum() - thresholds.NATS_PER_DEGREE * wanders.sum(), np.sqrt(len(gains)) * gains.std()
+    if gain < max(thresholds.LEAST_GAIN, thresholds.SURE * error):
+        return None
+    errors = np.where(wanders, np.log(2) * stderr * density, 0.0)
+    return Wander(np.where(wanders, density, stated), errors, stated, float(gain), float(error))
+
+
+def _left(problem: Problem, found: Fit) -> list[np.ndarray]:
+    """What a fit leaves of each log, (U, 6) N, Nm: bias and noise; NaN = not measured."""
+    ends = np.cumsum([part.used for part in problem.parts])[:-1]
+    predicted = np.split(readings(problem, found.z[None])[0], ends)
+    pairs = zip(problem.parts, predicted, strict=True)
+    return [reading - np.asarray(part.wrench.wrench)[: part.used] for part, reading in pairs]
+
+
+def _nats(problem: Problem, left: list[np.ndarray], densities: np.ndarray) -> np.ndarray:
+    """(U, G, 6) nats of every bin of what is left of the logs, with G densities (G, 6)."""
+    pairs = zip(problem.parts, left, strict=True)
+    return np.concatenate([_of_log(part, y, densities) for part, y in pairs])
+
+
+def _of_log(part: Part, left: np.ndarray, densities: np.ndarray) -> np.ndarray:
+    """The same of one log: the bias filter with all densities side by side."""
+    wrench, count = part.wrench, len(densities)
+    y, variance = (np.asarray(x)[: part.used] for x in (wrench.wrench, wrench.variance))
+    prior = np.tile(np.asarray(wrench.prior_std).reshape(2, 6), count).ravel()
+    tiled: dict[str, Any] = {"wrench": np.tile(y, count), "variance": np.tile(variance, count), "prior_std": prior}
+    gains, weight = recursion(wrench._replace(**tiled, density=densities.ravel()), part.used)  # type: ignore[arg-type]
+    measured, dt = np.tile(np.nan_to_num(left), count), np.asarray(wrench.dt)
+    bias, drift = np.zeros((2, 6 * count))
+    nats = np.zeros_like(weight)
+    for k in range(part.used):
+        bias = bias + dt[k] * drift
+        innovation = measured[k] - bias
+        bias, drift = bias + gains[k, 0] * innovation, drift + gains[k, 1] * innovation
+        nats[k] = np.log(np.where(weight[k] > 0, weight[k], 1)) - (innovation * weight[k]) ** 2 / 2
+    return nats.reshape(part.used, count, 6)
+
+
+def _most_likely(nats: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The octave (6,) of the most likely factor, its standard error, and where it earns its price.
+
+    By nats (1 + factors, 6), the first of which are with what is stated; between octaves by a parabola.
+    """
+    tried = nats[1:]
+    at = np.clip(tried.argmax(0), 1, len(tried) - 2)
+    low, top, high = (tried[at + i, range(6)] for i in (-1, 0, 1))
+    bend = np.maximum(2 * top - low - high, 1e-9)
+    octave = at + np.clip((high - low) / (2 * bend), -1, 1)
+    return octave, 1 / np.sqrt(bend), tried.max(0) - nats[0] > thresholds.NATS_PER_DEGREE
+
+
+def _went(problem: Problem, left: list[np.ndarray], density: np.ndarray) -> np.ndarray:
+    """How far the bias went (6,) from a straight line, mean square per that of one that wanders with this density.
+
+    White noise that is integrated twice over T departs from its own line by sigma_Q^2 T^3 / 420. Noise of samples and
+    errors of the joints average out in means of blocks.
+    """
+    seen, expected = np.zeros((2, 6))
+    for part, y in zip(problem.parts, left, strict=True):
+        t = np.asarray(part.signals.t)[: part.used]
+        block = (t // thresholds.BLOCK_SECONDS).astype(int)
+        for k in range(6):
+            there = np.isfinite(y[:, k])
+            count = np.bincount(block[there])
+            occupied = count > 0
+            when, level = (np.bincount(block[there], x[there])[occupied] / count[occupied] for x in (t, y[:, k]))
+            if len(when) > 2:
+                when -= when.mean()
+                seen[k] += ((level - np.polyval(np.polyfit(when, level, 1), when)) ** 2).sum()
+                expected[k] += len(when) * density[k] ** 2 * np.ptp(t) ** 3 / 420
+    return seen / np.maximum(expected, 1e-300)
+
+
+def is_all(wander: Wander, problem: Problem, nominal: Fit, accepted: Fit, hold_out: Judge) -> bool:
+    """Whether no term gains much beside a fit of the problem with the bias that wanders."""
+    best = Search(problem, nominal, hold_out).best(accepted)
+    return not best or best[0][0] < max(thresholds.LEAST_GAIN, thresholds.NEARLY * wander.nats)
+
+
+def told(wander: Wander, duration: float, share: float) -> FoundTerm:
+    """The term as which a bias that wanders is told, in logs of so many s, with its share of the gap."""
+    more = wander.stderr > 0
+    most = int(np.argmax(np.where(more, wander.density / np.maximum(wander.stated, 1e-300), 0)))
+    axes = "all axes" if more.all() else ", ".join(name for name, marked in zip(AXES, more, strict=True) if marked)
+    size, stated = f"{wander.density[most]:.2g} {AXIS_UNITS[most]}/s^1.5", f"{wander.stated[most]:.2g}"
+    units = {"N_per_s1.5": slice(0, 3), "Nm_per_s1.5": slice(3, 6)}
+    return FoundTerm(
+        drive="noise",
+        form=WANDER,
+        frame="sensor",
+        acts_as="bias",
+        text=f"a bias that wanders more than the setup states, on {axes}: bias.noise_density {size} "
+        f"({AXES[most]}, where it departs most) instead of {stated} ({100 * share:.0f} % of the gap)",
+        coefficients={unit: wander.density[axis].tolist() for unit, axis in units.items()},
+        stderr={unit: wander.stderr[axis].tolist() for unit, axis in units.items()},
+        parameters={},
+        parameters_stderr={},
+        point=None,
+        equivalent_to=(),
+        separate_by=(),
+        resembles=("a sensor that is not warm yet", "a noise_density that was never measured"),
+        check="let the sensor warm up and record again",
+        held_out_gain=wander.nats / duration,
+        held_out_gain_stderr=wander.nats_stderr / duration,
+        shrink=share,
+        section={"noise_density": wander.density.tolist()},
+        statement=f"the bias wanders more than stated (noise_density {size} of {AXES[most]}, not {stated})",
+    )
