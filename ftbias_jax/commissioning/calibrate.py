@@ -16,6 +16,7 @@ import numpy as np
 from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
 from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.commissioning.drafted import as_uncertain, larger, loosened, with_loose_tool
+from ftbias_jax.commissioning.events import without_events
 from ftbias_jax.commissioning.judged import Judged, baselines, compare, judge
 from ftbias_jax.commissioning.logs import longest, without_end
 from ftbias_jax.commissioning.result import CALIBRATED, GIVEN, Calibrated, Step, nothing_found
@@ -109,8 +110,8 @@ def calibrate(
 
     A tool that the setup states without standard errors is where the search starts, and is replaced if another one
     predicts better. At the end the steps that were kept are repeated with all of the logs, if these show the same
-    causes and the result predicts no worse. Computes in float64 whatever JAX's setting is, and keeps compiled programs
-    in the user's cache folder (``FTBIAS_CACHE=off`` does not).
+    causes and the result predicts no worse; what happened in these logs alone is left out. Computes in float64, and
+    keeps compiled programs in the user's cache folder (``FTBIAS_CACHE=off`` does not).
 
     Args:
         setup: robot, sensor and noise, or its path; its tool may be a draft, or not be stated.
@@ -130,11 +131,9 @@ def calibrate(
     if not 0.1 <= hold_out <= 0.9:
         raise UsageError(f"got {hold_out!r}", field="hold_out", remedy="give a share from 0.1 to 0.9")
     progress("checking the setup")
-    whole = [clean(log) for log in logs]
+    whole, names = [clean(log) for log in logs], names or names_of(logs)
     require_right(setup, whole, "calibrate", unchecked)
-    names = names or names_of(logs)
-    begun = [without_end(log, hold_out) for log in logs]
-    start = with_loose_tool(setup)
+    begun, start = [without_end(log, hold_out) for log in logs], with_loose_tool(setup)
     with ThreadPoolExecutor(1) as worker:
         first, state = _walked(_Road(whole, begun, names, hold_out, progress, worker), setup, start)
     if state.unmoved is not None:
@@ -147,11 +146,12 @@ def calibrate(
         repeated = _repeated(state, start, logs, names)
         if repeated is not None and not compare(judge(repeated, whole, hold_out), state.judged).is_worse:
             final = repeated
+    final, events = without_events(final, setup)
     if bias:
         progress("taking the bias of the longest log")
         final = replace(final, bias=identify_tool(final, longest(logs), bias=True, unchecked=True).setup.bias)
-    repairs = tuple(log.repairs for log in whole)
-    return Calibrated(final, state.steps, rows, state.found, repairs, time.monotonic() - begin)
+    seconds = time.monotonic() - begin
+    return Calibrated(final, state.steps, rows, state.found, tuple(log.repairs for log in whole), seconds, events)
 
 
 def _walked(road: _Road, setup: Setup, start: Setup) -> tuple[_State, _State]:

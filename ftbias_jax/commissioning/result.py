@@ -51,7 +51,7 @@ class Calibrated:
     """A setup, and how well it predicts."""
 
     setup: Setup
-    """With what was kept."""
+    """With what was kept, but for ``events``."""
     steps: tuple[Step, ...]
     rows: dict[str, Judged]
     """Errors on the unseen end of the logs: of the setup as given, of the calibrated one if anything was kept, and of
@@ -62,6 +62,8 @@ class Calibrated:
     """One a log: what was mended or left out."""
     seconds: float = 0.0
     """That it took."""
+    events: tuple[str, ...] = ()
+    """What was kept and belongs to these logs alone: the errors are with it, the setup for other logs is without."""
 
     @property
     def kept(self) -> tuple[Step, ...]:
@@ -74,6 +76,11 @@ class Calibrated:
         held = [judged.rms for name, judged in self.rows.items() if name not in (GIVEN, CALIBRATED)]
         worse = self.rows.get(CALIBRATED, self.rows[GIVEN]).rms > AS_GOOD * np.min(held, axis=0)
         return tuple(f"{AXES[j]} {HORIZONS[i]:g} s ahead" for i, j in zip(*np.nonzero(worse), strict=True))
+
+    @property
+    def left_out(self) -> str:
+        """What the setup is without, in words; "" = nothing."""
+        return f"of these logs alone, and not in the setup: {', '.join(self.events)}" if self.events else ""
 
     @property
     def sentence(self) -> str:
@@ -106,7 +113,7 @@ class Calibrated:
             + section("How well the reading is predicted", f"<p>{HOW_TO_READ}</p>{html_table(HEAD, table(self.rows))}")
             + section("What was tried", html_table(("", "step", "errors on the unseen end"), steps))
             + section("What is left", f"<p>{typeset(self.diagnosis.sentence)}</p>" if self.diagnosis else "")
-            + section("The setup", f"<pre>{escape(dump_setup(self.setup))}</pre>")
+            + section("The setup", f"<p>{self.left_out}</p><pre>{escape(dump_setup(self.setup))}</pre>")
         )
         write_text(path, whole_page("Calibration", body))
 
@@ -123,6 +130,7 @@ class Calibrated:
         return {
             "kept": list(dict.fromkeys(part for step in self.kept for part in step.parts)),
             "refused": [{"what": step.name, "why": step.why} for step in self.steps if not step.kept],
+            "of_these_logs": list(self.events),
             "forecast": {f"{seconds:g}": of_horizon(i) for i, seconds in enumerate(HORIZONS)},
             "axes": list(AXES),
             "used": float(np.nanmean(ours.used)),
@@ -136,6 +144,7 @@ class Calibrated:
         lines += aligned([HEAD, *table(self.rows)])
         if better := self.constant_is_better:
             lines.append(f"a bias that is held predicts better: {', '.join(better)}")
+        lines += [self.left_out] if self.left_out else []
         return "\n".join(lines)
 
 

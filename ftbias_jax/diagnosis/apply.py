@@ -37,10 +37,7 @@ def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[Found
 
     causes = [cause for cause in causes if not _refusal(setup, {cause.effect: cause.parameters})]
     setup, causes = _with_tool(setup, causes)
-    for term in terms:
-        if term.form == WANDER:
-            density = np.asarray(term.section["noise_density"], float)
-            setup = replace(setup, bias=replace(setup.bias, noise_density=density))
+    setup = _with_wander(setup, terms)
     sections = [term.section for term in _of_effects(terms) if not _refusal(setup, {TERM: [term.section]})]
     effects: dict[str, Any] = {**setup.effects, **{cause.effect: cause.parameters for cause in causes}}
     if sections:
@@ -80,6 +77,16 @@ def refused(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm
     sections: list[dict[str, Any]] = [{cause.effect: cause.parameters} for cause in causes]
     sections += [{TERM: [term.section]} for term in _of_effects(terms)]
     return tuple(why for section in sections if (why := _refusal(setup, section)))
+
+
+def _with_wander(setup: Setup, terms: Sequence[FoundTerm]) -> Setup:
+    """The setup with the noise of a bias that wanders, if that is one of the terms."""
+    for term in terms:
+        if term.form == WANDER:
+            bias = replace(setup.bias, noise_density=np.asarray(term.section["noise_density"], float))
+            comments = {**setup.comments, "bias.noise_density": f"ftbias diagnose: {term.statement}"}
+            setup = replace(setup, bias=bias, comments=comments)
+    return setup
 
 
 def _of_effects(terms: Sequence[FoundTerm]) -> list[FoundTerm]:

@@ -1,0 +1,37 @@
+"""What goes by the clock of one log is left out of a setup for other logs; what follows motion or temperature stays."""
+
+from dataclasses import replace
+
+import pytest
+
+from ftbias_jax.commissioning.events import without_events
+from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.model.effects.fitting import Step, Touches
+from ftbias_jax.setup import parse_setup
+
+GIVEN = parse_setup({"robot": {"model": "panda"}, "sensor": {"noise_std": [0.1, 0.004]}})
+WAVE = {"drive": "time", "form": "wave", "frequency": 0.02}
+LOAD = {"drive": "acceleration", "form": "payload", "time": [3.0, 7.0]}
+DRAG = {"drive": "velocity", "form": "linear"}
+
+
+@pytest.mark.parametrize("name", sorted(CATALOGUE))
+def test_events_and_the_course_of_the_bias_are_left_out(name):
+    found, left_out = without_events(replace(GIVEN, effects={name: {}}), GIVEN)
+    search = CATALOGUE[name].fit.search
+    expected = isinstance(search, Step | Touches) or name == "warmup"
+    assert (found.effects, left_out) == (({}, (name,)) if expected else ({name: {}}, ()))
+
+
+def test_terms_that_go_by_the_clock_are_left_out_and_others_stay():
+    setup = replace(GIVEN, effects={"low_pass": {}, "term": [DRAG, WAVE, LOAD]})
+    found, left_out = without_events(setup, GIVEN)
+    assert found.effects == {"low_pass": {}, "term": [DRAG]}
+    assert left_out == ("term of time", "term of acceleration")
+
+
+def test_what_the_owner_states_stays():
+    given = replace(GIVEN, effects={"bias_jump": {}, "term": [WAVE]})
+    assert without_events(given, given) == (given, ())
+    further = replace(given, effects={**given.effects, "term": [WAVE, LOAD]})
+    assert without_events(further, given)[0].effects == given.effects
