@@ -4,9 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from ftbias_jax.model.effects.fitting import SUDDEN
 from ftbias_jax.model.effects.terms.parse import TERM
-from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.setup.types import Setup
 
@@ -21,7 +19,9 @@ def without_events(setup: Setup, given: Setup) -> tuple[Setup, tuple[str, ...]]:
     next log, would be predicted there as well. What ``given`` states stays: its owner knows why.
     """
     catalogue, stated = catalogue_of_setup(setup), given.effects
-    events = [name for name in setup.effects if name not in stated and name in catalogue and _happens(catalogue[name])]
+    events = [
+        name for name in setup.effects if name not in stated and name in catalogue and catalogue[name].goes_by_clock
+    ]
     terms = list(setup.effects.get(TERM, ()))
     known = len(stated.get(TERM, ()))
     lasting = [*terms[:known], *(term for term in terms[known:] if not _goes_by_clock(term))]
@@ -29,11 +29,6 @@ def without_events(setup: Setup, given: Setup) -> tuple[Setup, tuple[str, ...]]:
     of_terms = [f"term of {term['drive']}" for term in terms if term not in lasting]
     kept = effects | ({TERM: lasting} if lasting else {})
     return (replace(setup, effects=kept) if events or of_terms else setup), tuple(dict.fromkeys([*events, *of_terms]))
-
-
-def _happens(effect: Effect) -> bool:
-    """Whether an effect of the catalogue is an event, or the course of the bias in one log."""
-    return isinstance(effect.fit.search, SUDDEN) or (effect.stage == "bias" and not effect.needs)
 
 
 def _goes_by_clock(term: Mapping[str, Any]) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.diagnosis.evidence.causes import Answer, causes_of, doubt_by, in_order, is_sure, ranking_of
 from ftbias_jax.diagnosis.evidence.estimates import correlations, with_nominal
-from ftbias_jax.diagnosis.evidence.gap import Judge, compare, is_quiet, measure_gap, verdict_of
+from ftbias_jax.diagnosis.evidence.gap import Judge, compare, is_closed, is_quiet, measure_gap, verdict_of
 from ftbias_jax.diagnosis.problem import Problem, make_problem
 from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead, to_values
@@ -19,7 +19,7 @@ from ftbias_jax.diagnosis.report.sentence import headline, no_free_motion, note
 from ftbias_jax.diagnosis.report.series import show, where
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, together
-from ftbias_jax.diagnosis.search import enough, follows_motion, gap_of
+from ftbias_jax.diagnosis.search import enough, gap_of
 from ftbias_jax.diagnosis.terms.describe import describe, follows_something
 from ftbias_jax.diagnosis.terms.found import found_terms
 from ftbias_jax.diagnosis.terms.loads import all_carried
@@ -27,7 +27,7 @@ from ftbias_jax.diagnosis.terms.noise import louder, noise_term
 from ftbias_jax.diagnosis.terms.select import state_of_problem
 from ftbias_jax.diagnosis.terms.spectra import fast_lines
 from ftbias_jax.diagnosis.terms.wander import is_all, told, wander_of
-from ftbias_jax.diagnosis.thresholds import AS_WELL, LEAST_SIGMAS, USEFUL_SHARE
+from ftbias_jax.diagnosis.thresholds import AS_WELL, USEFUL_SHARE
 from ftbias_jax.diagnosis.tool_first import Searched, no_surer, search_causes, stderr_of_tool
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering.quality.at_rest import rest_in_words, weight_in_bias
@@ -145,7 +145,7 @@ def explain(
     ):
         progress("trying terms")
         answer = _with_terms(answer, fast_lines(logs, samples))
-        if not carried and not pushed and gap_of(problem, searched.accepted) > LEAST_SIGMAS**2:
+        if not carried and not pushed and not is_closed(problem, gap):
             answer, wanders = _with_wander(setup, answer, searched, excluded, progress)
             loud += wanders
     progress("writing the report")
@@ -241,8 +241,8 @@ def _with_wander(
     """The answer with a bias that wanders, and its term, where that says more than terms beside what was searched."""
     problem, seconds = answer.problem, max(answer.problem.duration, 1e-9)
     beside, causes = searched.accepted, searched.accepted.hypotheses
-    steady = tuple(h for h in causes if follows_motion(problem, h.effect))
-    if steady != causes:  # drift, jumps and contact are slow themselves: they come after it
+    steady = tuple(h for h in causes if not problem.catalogue[h.effect].goes_by_clock)
+    if steady != causes:  # the others are slow themselves: they come after it
         beside = fits.fit(problem, steady, answer.base) if steady else answer.base
     wander, by_causes = wander_of(problem, beside), answer.hold_out(beside, answer.base.error)
     if wander is None or wander.nats / seconds < AS_WELL * (answer.after.nats - by_causes.nats):

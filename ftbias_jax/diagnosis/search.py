@@ -89,7 +89,7 @@ class Search(NamedTuple):
             if rounds and gap_of(threshold.elsewhere, accepted) <= threshold.least:
                 if _left_somewhere(threshold.elsewhere, accepted) <= threshold.least_of_slow:
                     break
-                excluded |= {name for name in self.problem.catalogue if follows_motion(self.problem, name)}
+                excluded |= {name for name in self.problem.catalogue if _follows_motion(self.problem, name)}
             self.progress(f"looking for cause {count + 1} of at most {most}")
             scored = candidates(self.problem, self.library, accepted, excluded, all_smooth=not count)
             best = next((s for s in scored[:MOST_JUDGED] if self.has_earned(threshold, accepted, s)), None)
@@ -116,7 +116,7 @@ class Search(NamedTuple):
         _, (untouched,) = projection(accepted.columns.series[local])(self.start.error[None])
         gap = gap_of(elsewhere, self.start._replace(error=untouched))
         least = max(least, LEAST_SHARE_OF_GAP * gap)
-        all_follow = all(follows_motion(self.problem, h.effect) for h in accepted.hypotheses)
+        all_follow = all(_follows_motion(self.problem, h.effect) for h in accepted.hypotheses)
         return Threshold(elsewhere, least, LEAST_SIGMAS**2 if all_follow else least)
 
     def has_earned(self, threshold: Threshold, accepted: Fit, trial: Scored) -> bool:
@@ -124,7 +124,7 @@ class Search(NamedTuple):
         effect = self.problem.catalogue[trial.hypothesis.effect]
         sudden = is_sudden(self.problem, effect)
         gain, stderr = compared(self.problem, trial.fit.error, accepted.error)
-        by_joints = nats_of_joints(self.problem) if follows_motion(self.problem, effect.name) else 0.0
+        by_joints = nats_of_joints(self.problem) if _follows_motion(self.problem, effect.name) else 0.0
         if trial.nats <= max(LEAST_GAIN, by_joints) or not (sudden or gain > STEADY * stderr):
             return False
         if not is_plausible(self.problem, accepted, trial.fit) or not self._is_possible(trial):
@@ -214,8 +214,7 @@ def _left_somewhere(problem: Problem, found: Fit) -> float:
     return float(np.maximum(excess_over_quiet(problem, found.error), 0).mean())
 
 
-def follows_motion(problem: Problem, effect: str) -> bool:
-    """Whether what an effect does repeats where the motion does: unlike drift, jumps and contact."""
+def _follows_motion(problem: Problem, effect: str) -> bool:
     entry = problem.catalogue[effect]
     return entry.stage != "bias" and not is_sudden(problem, entry)
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from ftbias_jax.model.effects.fitting import Coordinate, Fitting
+from ftbias_jax.model.effects.fitting import SUDDEN, Coordinate, Fitting
 from ftbias_jax.model.effects.statements import Statement
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.model.kinematics.recorded_pose import SensorPath, motions_of, path_of
@@ -190,6 +190,11 @@ class Effect(NamedTuple):
     """How a diagnosis finds and judges it."""
     statement: Statement | None = None
     """What it says in one sentence when it was found; None = the explanation and its first parameter."""
+
+    @property
+    def goes_by_clock(self) -> bool:
+        """Whether it is an event or the course of the bias in one log, and follows neither motion nor a quantity."""
+        return isinstance(self.fit.search, SUDDEN) or (self.stage == "bias" and not self.needs)
 
     @property
     def hook(self) -> str:
