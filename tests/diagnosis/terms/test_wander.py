@@ -50,7 +50,7 @@ def test_a_bias_that_wanders_is_told_with_its_density_and_applied(setup, wild):
 
 
 def test_a_term_of_wandering_leaves_the_effects_of_the_setup(setup):
-    term = SimpleNamespace(form="wander", section={"noise_density": [0.1] * 3 + [0.01] * 3})
+    term = SimpleNamespace(form="wander", statement="", section={"noise_density": [0.1] * 3 + [0.01] * 3})
     mended = with_causes(setup, (), (term,))
     np.testing.assert_array_equal(mended.bias.noise_density, [0.1] * 3 + [0.01] * 3)
     np.testing.assert_array_equal(mended.tool.mass, setup.tool.mass)
