@@ -16,7 +16,7 @@ import numpy as np
 from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
 from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.commissioning.drafted import as_uncertain, larger, loosened, with_loose_tool
-from ftbias_jax.commissioning.events import without_events
+from ftbias_jax.commissioning.events import is_bias_alone, without_events
 from ftbias_jax.commissioning.judged import Judged, baselines, compare, judge
 from ftbias_jax.commissioning.logs import longest, without_end
 from ftbias_jax.commissioning.result import CALIBRATED, GIVEN, Calibrated, Step, nothing_found
@@ -201,7 +201,7 @@ def _with_causes(state: _State, road: _Road) -> _State:
             ahead = road.tool_ahead(setup)
             for prepare in programs_of_search(setup, road.begun):  # for the diagnosis that follows
                 road.worker.submit(same_precision(prepare))
-            state = _tried(state, road, step, setup)
+            state = _tried(state, road, step, setup, kind == TERMS and is_bias_alone(found, state.steps))
             if state.steps[-1].kept:
                 state = state._replace(beside=larger(state.beside, found.tool_stderr), ahead=ahead)
     return state

@@ -1,9 +1,11 @@
 """What happened in one log, and is no property of its robot: a setup for the logs recorded next has none of it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from ftbias_jax.commissioning.result import Step
+from ftbias_jax.diagnosis.result import WANDER, Diagnosis
 from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.setup.types import Setup
@@ -29,6 +31,14 @@ def without_events(setup: Setup, given: Setup) -> tuple[Setup, tuple[str, ...]]:
     of_terms = [f"term of {term['drive']}" for term in terms if term not in lasting]
     kept = effects | ({TERM: lasting} if lasting else {})
     return (replace(setup, effects=kept) if events or of_terms else setup), tuple(dict.fromkeys([*events, *of_terms]))
+
+
+def is_bias_alone(found: Diagnosis, steps: Sequence[Step]) -> bool:
+    """Whether a diagnosis adds to its causes, which were the last step, only how much the bias wanders.
+
+    The filter finds that by itself, and predicts no better with it. Whoever identifies the tool needs it all the same.
+    """
+    return (not found.causes or steps[-1].kept) and all(term.form == WANDER for term in found.terms)
 
 
 def _goes_by_clock(term: Mapping[str, Any]) -> bool:

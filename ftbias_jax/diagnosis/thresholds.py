@@ -135,10 +135,6 @@ TERMS_FITTED, FORMS_OF_A_DRIVE, NOISE_FORMS_FITTED = 10, 2, 2
 """Terms, forms of one drive, and forms of noise that are fitted. [dev]"""
 NOISE_BETTER, TERM_WINDOWS = 1.05, 64
 """Gain of a term of noise per that of an effect; windows of samples that it needs. [dev]"""
-LEAST_WENT, LEAST_WENT_OF_ALL = 0.01, 0.1
-"""Of the mean square by which a bias leaves a straight line, what one with the density that was found does leave it by:
-on an axis, and in the mean over all that wander. [noise] Less in 1 of 1000 logs, with three axes in 4 of 1000.
-[physics] What follows a motion is as fast, but comes back: a fiftieth, in a minute at 0.1 Hz."""
 MOST_TIMES = 60
 """Changes of one log that are told as something switched: who lists more describes noise. [owner]"""
 HANDOVER, TOUCHED = 0.5, 3.0

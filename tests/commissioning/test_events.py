@@ -1,10 +1,11 @@
 """What goes by the clock of one log is left out of a setup for other logs; what follows motion or temperature stays."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
-from ftbias_jax.commissioning.events import without_events
+from ftbias_jax.commissioning.events import is_bias_alone, without_events
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.fitting import Step, Touches
 from ftbias_jax.setup import parse_setup
@@ -13,6 +14,20 @@ GIVEN = parse_setup({"robot": {"model": "panda"}, "sensor": {"noise_std": [0.1, 
 WAVE = {"drive": "time", "form": "wave", "frequency": 0.02}
 LOAD = {"drive": "acceleration", "form": "payload", "time": [3.0, 7.0]}
 DRAG = {"drive": "velocity", "form": "linear"}
+
+
+@pytest.mark.parametrize(
+    ("causes", "kept", "forms", "alone"),
+    [
+        ((), (), ("wander",), True),
+        (("cable",), (True,), ("wander",), True),
+        (("cable",), (False,), ("wander",), False),
+        ((), (True,), ("wander", "linear"), False),
+    ],
+)
+def test_a_bias_that_wanders_alone_needs_no_better_forecasts(causes, kept, forms, alone):
+    found = SimpleNamespace(causes=causes, terms=[SimpleNamespace(form=form) for form in forms])
+    assert is_bias_alone(found, [SimpleNamespace(kept=x) for x in kept]) == alone
 
 
 @pytest.mark.parametrize("name", sorted(CATALOGUE))

@@ -17,6 +17,7 @@ from ftbias_jax.diagnosis.regression.fit import Fit, base, fit
 from ftbias_jax.diagnosis.regression.whitening import recursion
 from ftbias_jax.diagnosis.result import WANDER, FoundTerm
 from ftbias_jax.diagnosis.terms.select import Search
+from ftbias_jax.filtering.noise.wander import LEAST_WENT, LEAST_WENT_OF_ALL, departures
 from ftbias_jax.types import AXES, AXIS_UNITS
 
 FACTORS = 2.0 ** np.arange(20)
@@ -60,8 +61,8 @@ def wander_of(problem: Problem, found: Fit) -> Wander | None:
         octave, stderr, wanders = _most_likely(nats.sum(0))
     density = densities[1] * 2.0**octave
     went = _went(problem, left, density)
-    wanders &= went > thresholds.LEAST_WENT
-    if not wanders.any() or went[wanders].mean() < thresholds.LEAST_WENT_OF_ALL:
+    wanders &= went > LEAST_WENT
+    if not wanders.any() or went[wanders].mean() < LEAST_WENT_OF_ALL:
         return None
     row = np.where(wanders, 1 + np.rint(octave).astype(int), 0)
     gains = np.bincount(problem.block(thresholds.BLOCK_SECONDS), (nats[:, row, range(6)] - first[:, 0]).sum(1))
@@ -120,23 +121,19 @@ def _most_likely(nats: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _went(problem: Problem, left: list[np.ndarray], density: np.ndarray) -> np.ndarray:
     """How far the bias went (6,) from a straight line, mean square per that of one that wanders with this density.
 
-    White noise that is integrated twice over T departs from its own line by sigma_Q^2 T^3 / 420. Noise of samples and
-    errors of the joints average out in means of blocks.
+    Noise of samples and errors of the joints average out in means of blocks.
     """
     seen, expected = np.zeros((2, 6))
     for part, y in zip(problem.parts, left, strict=True):
         t = np.asarray(part.signals.t)[: part.used]
-        block = (t // thresholds.BLOCK_SECONDS).astype(int)
-        for k in range(6):
-            there = np.isfinite(y[:, k])
-            count = np.bincount(block[there])
-            occupied = count > 0
-            when, level = (np.bincount(block[there], x[there])[occupied] / count[occupied] for x in (t, y[:, k]))
-            if len(when) > 2:
-                when -= when.mean()
-                seen[k] += ((level - np.polyval(np.polyfit(when, level, 1), when)) ** 2).sum()
-                expected[k] += len(when) * density[k] ** 2 * np.ptp(t) ** 3 / 420
-    return seen / np.maximum(expected, 1e-300)
+        block, there = (t // thresholds.BLOCK_SECONDS).astype(int), np.isfinite(y)
+        count = np.stack([np.bincount(block, x) for x in there.T], 1)
+        total = np.stack([np.bincount(block, x) for x in np.where(there, y, 0).T], 1)
+        level = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        middle = np.bincount(block, t) / np.maximum(np.bincount(block), 1)
+        of_log = departures(middle, level, np.zeros_like(level))
+        seen, expected = (x + len(t) * y for x, y in zip((seen, expected), of_log, strict=True))
+    return seen / np.maximum(expected * density**2, 1e-300)
 
 
 def is_all(wander: Wander, problem: Problem, nominal: Fit, accepted: Fit, hold_out: Judge) -> bool:

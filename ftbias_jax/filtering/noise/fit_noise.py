@@ -13,6 +13,7 @@ from ftbias_jax.filtering.noise.free_motion import hidden_bias
 from ftbias_jax.filtering.noise.scatter import HEAVY
 from ftbias_jax.filtering.noise.slow_noise import SlowNoise, coarser, fit_slow_noise
 from ftbias_jax.filtering.noise.vibration import Vibration, fit_vibration, taken_level
+from ftbias_jax.filtering.noise.wander import fit_wander
 from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.runtime.compiled_loops import running_sum
 from ftbias_jax.types import Array
@@ -41,6 +42,8 @@ class Noise(NamedTuple):
     vibration: Vibration
     slow: SlowNoise
     """As stated, if the setup states it."""
+    density: Float[Array, " 6"]
+    """N/s^1.5, Nm/s^1.5 of a bias that wanders more than stated, 0 on axes where it does not."""
     offset: Float[Array, " 6"]
     """N, Nm: the bias at the start on axes where the prior does not expect it, 0 elsewhere."""
     inflation: Float[Array, " 6"]
@@ -70,28 +73,35 @@ def fit_noise(stated: BiasNoise, blocks: Blocks, layout: Layout) -> tuple[BiasNo
     means = coarser(Means(jnp.asarray(layout.seconds, y.dtype), blocks.t, y, variance), blocks.number)
     prior_std = prior_with(stated, offset).reshape(2, 6)
 
-    def innovations(slow: SlowNoise) -> Array:
+    def innovations(slow: SlowNoise, density: Array) -> Array:
         """(N, 6) of blocks, in their standard deviations."""
         grid = Grid(jnp.ones((1, 6), means.y.dtype), slow.std[None], slow.time[None])
-        found = filter_blocks(means, grid, prior_std, stated.density)
+        found = filter_blocks(means, grid, prior_std, jnp.maximum(density, stated.density))
         return found.innovation[:, 0] / jnp.sqrt(found.variance[:, 0])
 
     if stated.correlated_std is None or stated.correlated_time is None:
         zero = jnp.zeros(6, means.y.dtype)
         white = SlowNoise(zero, zero + 1, zero)
-        of_white = innovations(white)
+        of_white = innovations(white, zero)
         factor = inflation(means.t, of_white)
 
-        def fitted() -> tuple[SlowNoise, Array]:
+        def fitted() -> tuple[SlowNoise, Array, Array]:
             slow = fit_slow_noise(means, stated.density, prior_std)
-            return slow, inflation(means.t, innovations(slow))
+            wander = fit_wander(means, stated.density, prior_std)
+            likelier = jnp.maximum(wander.gain, 0).sum() > jnp.maximum(slow.gain, 0).sum()
+            wanders = wander.wanders & likelier
+            slow = SlowNoise(*(jnp.where(wanders, x, y) for x, y in zip(white, slow, strict=True)))
+            density = jnp.where(wanders, wander.density, 0)
+            return slow, density, inflation(means.t, innovations(slow, density))
 
-        slow, factor = jax.lax.cond(is_white(of_white) & (factor == 1).all(), lambda: (white, factor), fitted)
+        settled = is_white(of_white) & (factor == 1).all()
+        slow, density, factor = jax.lax.cond(settled, lambda: (white, zero, factor), fitted)
     else:
         slow = SlowNoise(stated.correlated_std, stated.correlated_time, jnp.zeros(6, means.y.dtype))
-        factor = inflation(means.t, innovations(slow))
+        density = jnp.zeros(6, means.y.dtype)
+        factor = inflation(means.t, innovations(slow, density))
     hidden = jnp.zeros(6, y.dtype) if blocks.tool is None else hidden_bias(blocks, blocks.tool, layout, stated)
-    noise = Noise(contacts, vibration, slow, offset, factor, hidden, blocks.t)
+    noise = Noise(contacts, vibration, slow, density, offset, factor, hidden, blocks.t)
     return with_noise(given, noise), noise
 
 
@@ -154,6 +164,7 @@ def with_noise(stated: BiasNoise, noise: Noise) -> BiasNoise:
     """The noise of the filter with what the log shows; what it does not show is there and zero."""
     bias = stated._replace(
         wrench_variance=stated.wrench_variance * taken_level(noise.vibration),
+        density=jnp.maximum(noise.density, stated.density),
         prior_std=prior_with(stated, noise.offset),
         correlated_std=noise.slow.std,
         correlated_time=noise.slow.time,

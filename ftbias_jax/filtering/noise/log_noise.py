@@ -35,6 +35,8 @@ class LogNoise(NamedTuple):
     """Whether the bias begins at the log's median, because after the first readings the gate kept out most."""
     hidden: Array = np.zeros(6)
     """(6,) N, Nm: how far the bias may be off because the tool is touched all along; 0 = the log has free motion."""
+    density: Array = np.zeros(6)
+    """(6,) N/s^1.5, Nm/s^1.5 of a bias that wanders more than stated, 0 on axes where it does not."""
     kept_out: float = 0.0
     """Share of the free samples that the gate keeps out wherever the bias begins; 0 = it keeps at least half."""
 
@@ -49,7 +51,8 @@ def told(found: Noise, layout: Layout, *, slow_is_stated: bool) -> LogNoise:
     contacts, slow = listed(found.contacts, found.block_times, layout), None if slow_is_stated else found.slow
     speed = np.inf if found.vibration.speed is None else float(found.vibration.speed)
     vibration = found.vibration._replace(speed=speed if np.isfinite(speed) else None)
-    return LogNoise(contacts, vibration, slow, found.offset, found.inflation, hidden=np.asarray(found.hidden))
+    hidden, density = np.asarray(found.hidden), np.asarray(found.density)
+    return LogNoise(contacts, vibration, slow, found.offset, found.inflation, hidden=hidden, density=density)
 
 
 def describe(noise: LogNoise) -> list[str]:
@@ -73,6 +76,9 @@ def describe(noise: LogNoise) -> list[str]:
         of_axes = zip(AXES, noise.slow.std, noise.slow.time, strict=True)
         words = ", ".join(f"{name} {std:.2g} over {time:.2g} s" for name, std, time in of_axes if std > 0)
         lines.append(f"errors that vary slowly (N, Nm and correlation time): {words}")
+    if noise.density.any():
+        words = by_axis(noise.density, noise.density > 0)
+        lines.append(f"the bias wanders more than stated, noise_density in N/s^1.5, Nm/s^1.5: {words}")
     if (noise.inflation > 1).any():
         words = by_axis(noise.inflation, noise.inflation > 1)
         lines.append(f"standard deviations of the bias are enlarged, by what the innovations still contradict: {words}")

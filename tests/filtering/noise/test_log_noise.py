@@ -164,7 +164,7 @@ def full():
     offset, factor = np.array([12800.0, 0, 0, 0, 0, 0]), np.array([1, 1, 1.7, 1, 1, 1])
     contact = Contact(3.0, 4.5, np.array([3.0, 4, 0, 0, 0, 0]))
     vibration = Vibration(level, per_speed, np.asarray(0.1), 50.0, AS_STATED, True)
-    return LogNoise((contact,), vibration, slow, offset, factor)
+    return LogNoise((contact,), vibration, slow, offset, factor, density=np.array([0, 0.4, 0, 0, 0, 0]))
 
 
 def test_parameters_take_what_the_log_shows(stated):
@@ -175,6 +175,7 @@ def test_parameters_take_what_the_log_shows(stated):
     assert float(bias.vibration_speed) == pytest.approx(0.1)
     np.testing.assert_allclose(bias.correlated_std, noise.slow.std)
     np.testing.assert_allclose(bias.correlated_time, noise.slow.time)
+    np.testing.assert_allclose(bias.density, np.maximum(stated.density, noise.density))
     assert all(x.dtype == stated.density.dtype for x in jax.tree.leaves(bias))
 
 
@@ -192,13 +193,15 @@ def test_a_reader_is_told_what_the_log_shows():
         "the noise grows with the speed of the motion; the filter takes what the scatter of the log shows",
         "scatter of single readings at rest, per stated noise_std",
         "errors that vary slowly (N, Nm and correlation time)",
+        "the bias wanders more than stated, noise_density in N/s^1.5, Nm/s^1.5",
         "standard deviations of the bias are enlarged, by what the innovations still contradict",
     ]
     assert "1.28e+04" in lines[0]
     assert lines[3].endswith(" 1.5")
     assert "0.3 over 0.5 s" in lines[4]
     assert "0.01 over 2 s" in lines[4]
-    assert lines[5].endswith(" 1.7")
+    assert lines[5].endswith(": fy 0.4")
+    assert lines[6].endswith(" 1.7")
 
 
 def test_noise_that_is_zero_is_left_out(stated):
