@@ -10,7 +10,7 @@ from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.diagnosis.regression.fit import base
 from ftbias_jax.diagnosis.terms.wander import _left, _nats, _went, wander_of
-from ftbias_jax.diagnosis.thresholds import LEAST_WENT, LEAST_WENT_OF_ALL
+from ftbias_jax.filtering.noise.wander import LEAST_WENT, LEAST_WENT_OF_ALL
 
 MORE = 30.0
 

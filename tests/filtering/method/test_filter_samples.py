@@ -1,5 +1,7 @@
 """The method over whole logs: against the textbook, mapped and differentiated, and on simulated contact and noise."""
 
+from dataclasses import replace
+
 import by_params
 import jax
 import jax.numpy as jnp
@@ -108,6 +110,21 @@ def test_a_contact_is_left_out_and_told(clean, touched, made):
     std = np.hypot(result.reading_std, result.bias_std)[inside] / np.sqrt(inside.sum())
     middle = result.contact_wrench[inside].mean(0)
     assert (np.abs(middle - FORCE) < 4 * std.mean(0) + 4 * result.bias_std[inside].mean(0)).all()
+
+
+def test_a_bias_that_wanders_is_followed_as_by_a_filter_that_knows_how_much(setup, made):
+    log, truth = made
+    more = 40 * setup.bias.noise_density
+    steps = more * np.sqrt(1 / RATE) * np.random.default_rng(2).normal(size=(len(log.t), 6))
+    added = np.cumsum(np.cumsum(steps, 0), 0) / RATE
+    wild = with_wrench(log, -added)
+    found, result = filtered(setup, wild)
+    assert not found.noise.slow.std.any()
+    np.testing.assert_allclose(np.log(found.noise.density / more), 0, atol=0.7)
+    knows = filtered(replace(setup, bias=replace(setup.bias, noise_density=more)), wild)[1]
+    ours, theirs = (np.sqrt(np.mean((x.bias - truth - added)[RATE:] ** 2, 0)) for x in (result, knows))
+    assert (ours < 1.1 * theirs).all()
+    assert np.mean(np.abs(result.bias - truth - added)[RATE:] < 1.96 * result.bias_std[RATE:]) > 0.9
 
 
 def test_slow_errors_widen_the_error_bars_to_what_they_are_worth(setup, likeliest, made):
