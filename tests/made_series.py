@@ -27,6 +27,13 @@ def gauss_markov(rng, t, std, time):
     return x
 
 
+def wandering(rng, t, density):
+    """(T, 6) white noise of these densities (6,) integrated twice, by the sums that define it."""
+    dt = np.diff(t, prepend=t[0])[:, None]
+    drift = np.cumsum(density * np.sqrt(dt) * rng.normal(size=(len(t), 6)), 0)
+    return np.cumsum(dt * drift, 0)
+
+
 def free_motion(rng, t, std=STD):
     """(T, 6) N, Nm: an offset, a drift, and white noise."""
     drift = 0.02 * std * rng.normal(size=6)

@@ -60,14 +60,9 @@ class Part(NamedTuple):
     remarks: Repairs = ()
     """What the log's owner should know."""
 
-    def with_variance(self, variance: np.ndarray) -> Self:
-        """The same log with another noise of its mean readings, (B, 6) N^2, Nm^2."""
-        wrench = self.wrench._replace(variance=jax.device_put(variance))
-        return self._replace(wrench=wrench, whiten=make_whitener(wrench, self.used))
-
-    def wandering(self, density: np.ndarray) -> Self:
-        """The same log with a bias whose drift has this density, (6,) N/s^1.5, Nm/s^1.5."""
-        wrench = self.wrench._replace(density=jax.device_put(density))
+    def with_wrench(self, **changed: np.ndarray) -> Self:
+        """The same log with other fields of ``wrench``, and the filter that goes with them."""
+        wrench = self.wrench._replace(**jax.device_put(changed))
         return self._replace(wrench=wrench, whiten=make_whitener(wrench, self.used))
 
     @property
@@ -78,8 +73,7 @@ class Part(NamedTuple):
     def silent_before(self, seconds: float) -> Self:
         """The same log without the readings of its first seconds."""
         reading = np.where(np.asarray(self.signals.t)[:, None] < seconds, np.nan, self.wrench.wrench)
-        wrench = self.wrench._replace(wrench=jax.device_put(reading))
-        return self._replace(wrench=wrench, whiten=make_whitener(wrench, self.used))
+        return self.with_wrench(wrench=reading)
 
 
 class Problem(NamedTuple):
@@ -150,13 +144,13 @@ class Problem(NamedTuple):
 
     def wandering(self, density: np.ndarray) -> Self:
         """The same with a bias whose drift has this density, (6,) N/s^1.5, Nm/s^1.5."""
-        return self._replace(parts=tuple(part.wandering(density) for part in self.parts))
+        return self._replace(parts=tuple(part.with_wrench(density=density) for part in self.parts))
 
     def louder(self, added: np.ndarray) -> Self:
         """The same with more variance (U, 6) N^2, Nm^2 of the bins' means."""
         pieces = np.split(added, np.cumsum([part.used for part in self.parts])[:-1])
         parts = [
-            part.with_variance(np.asarray(part.wrench.variance) + fill_up(own, len(part.signals.t), 0.0))
+            part.with_wrench(variance=np.asarray(part.wrench.variance) + fill_up(own, len(part.signals.t), 0.0))
             for part, own in zip(self.parts, pieces, strict=True)
         ]
         return self._replace(parts=tuple(parts), variance=self.variance + added)

@@ -17,7 +17,7 @@ from ftbias_jax.diagnosis.regression.fit import Fit, base, fit
 from ftbias_jax.diagnosis.regression.whitening import recursion
 from ftbias_jax.diagnosis.result import WANDER, FoundTerm
 from ftbias_jax.diagnosis.terms.select import Search
-from ftbias_jax.filtering.noise.wander import LEAST_WENT, LEAST_WENT_OF_ALL, departures
+from ftbias_jax.filtering.noise.wander import departures, goes_far, most_likely
 from ftbias_jax.types import AXES, AXIS_UNITS
 
 FACTORS = 2.0 ** np.arange(20)
@@ -53,16 +53,15 @@ def wander_of(problem: Problem, found: Fit) -> Wander | None:
     densities = np.vstack([stated, FACTORS[:, None] * np.maximum(stated, LEAST_DENSITY * problem.noise_std)])
     left = _left(problem, found)
     first = nats = _nats(problem, left, densities)
-    octave, stderr, wanders = _most_likely(nats.sum(0))
+    octave, stderr, wanders = _octaves(nats)
     for _ in range(ROUNDS - 1 if found.hypotheses else 0):
         wide = problem.wandering(np.where(wanders, densities[1] * 2.0**octave, stated))
         left = _left(wide, fit(wide, found.hypotheses, base(wide)))
         nats = _nats(problem, left, densities)
-        octave, stderr, wanders = _most_likely(nats.sum(0))
+        octave, stderr, wanders = _octaves(nats)
     density = densities[1] * 2.0**octave
-    went = _went(problem, left, density)
-    wanders &= went > LEAST_WENT
-    if not wanders.any() or went[wanders].mean() < LEAST_WENT_OF_ALL:
+    wanders = goes_far(wanders, _went(problem, left, density))
+    if not wanders.any():
         return None
     row = np.where(wanders, 1 + np.rint(octave).astype(int), 0)
     gains = np.bincount(problem.block(thresholds.BLOCK_SECONDS), (nats[:, row, range(6)] - first[:, 0]).sum(1))
@@ -105,17 +104,13 @@ def _of_log(part: Part, left: np.ndarray, densities: np.ndarray) -> np.ndarray:
     return nats.reshape(part.used, count, 6)
 
 
-def _most_likely(nats: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The octave (6,) of the most likely factor, its standard error, and where it earns its price.
+def _octaves(nats: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The octave (6,) of the likeliest factor, its standard error, and where it earns its price.
 
-    By nats (1 + factors, 6), the first of which are with what is stated; between octaves by a parabola.
+    By nats (U, 1 + factors, 6), the first of which are with what is stated.
     """
-    tried = nats[1:]
-    at = np.clip(tried.argmax(0), 1, len(tried) - 2)
-    low, top, high = (tried[at + i, range(6)] for i in (-1, 0, 1))
-    bend = np.maximum(2 * top - low - high, 1e-9)
-    octave = at + np.clip((high - low) / (2 * bend), -1, 1)
-    return octave, 1 / np.sqrt(bend), tried.max(0) - nats[0] > thresholds.NATS_PER_DEGREE
+    stated, *tried = nats.sum(0)
+    return *most_likely(np.array(tried)), np.max(tried, 0) - stated > thresholds.NATS_PER_DEGREE
 
 
 def _went(problem: Problem, left: list[np.ndarray], density: np.ndarray) -> np.ndarray:

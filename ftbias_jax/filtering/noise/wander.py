@@ -38,17 +38,34 @@ def fit_wander(means: Means, density: Float[Array, " 6"], prior_std: Float[Array
     levels = jnp.repeat(jnp.asarray(np.r_[np.ones(count), LEVELS], dtype)[:, None], 6, 1)
     densities = jnp.asarray(np.r_[FACTORS, np.ones(len(LEVELS))], dtype)[:, None] * density[None]
     nats = nats_of(*filter_blocks(means, Grid(levels, 0 * levels, 1 + 0 * levels), prior_std, densities)[:2])
-    tried, axes = nats[:count], jnp.arange(6)
-    at = jnp.clip(tried.argmax(0), 1, count - 2)
-    low, top, high = (tried[at + i, axes] for i in (-1, 0, 1))
-    bend = jnp.maximum(2 * top - low - high, 1e-6)
-    found = density * float(FACTORS[0]) * 2 ** (at + jnp.clip((high - low) / (2 * bend), -1, 1))
-    gain = tried.max(0) - nats[count:].max(0)
+    octave, _ = most_likely(nats[:count])
+    found, gain = density * float(FACTORS[0]) * 2**octave, nats[:count].max(0) - nats[count:].max(0)
     seen, expected = departures(means.t, means.y, means.variance)
     went = seen / jnp.maximum(expected * found**2, 1e-30)
-    wanders = (gain > LEAST_GAIN) & (found > density) & (went > LEAST_WENT)
-    of_all = jnp.where(wanders, went, 0).sum() / jnp.maximum(wanders.sum(), 1)
-    return Wander(found, gain, wanders & (of_all > LEAST_WENT_OF_ALL))
+    return Wander(found, gain, goes_far((gain > LEAST_GAIN) & (found > density), went))
+
+
+def most_likely(nats: Float[Array, "G 6"]) -> tuple[Array, Array]:
+    """Place (6,) of the largest of equally spaced nats, by a parabola through its neighbours, and its standard error.
+
+    NumPy or JAX.
+    """
+    xp = nats.__array_namespace__()
+    at = xp.clip(nats.argmax(0), 1, len(nats) - 2)
+    low, top, high = (nats[at + i, xp.arange(6)] for i in (-1, 0, 1))
+    bend = xp.maximum(2 * top - low - high, 1e-9)
+    return at + xp.clip((high - low) / (2 * bend), -1, 1), 1 / xp.sqrt(bend)
+
+
+def goes_far(wanders: Bool[Array, " 6"], went: Float[Array, " 6"]) -> Bool[Array, " 6"]:
+    """Of axes that wander, those on which the bias goes far enough; none if it does not in the mean over these.
+
+    How far it ``went`` is the mean square from a straight line per that of the density; NumPy or JAX.
+    """
+    xp = went.__array_namespace__()
+    wanders = wanders & (went > LEAST_WENT)
+    of_all = xp.where(wanders, went, 0).sum() / xp.maximum(wanders.sum(), 1)
+    return wanders & (of_all > LEAST_WENT_OF_ALL)
 
 
 def departures(t: Float[Array, " N"], y: Float[Array, "N 6"], variance: Float[Array, "N 6"]) -> tuple[Array, Array]:

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from made_series import wandering
 
 from ftbias_jax.diagnosis.apply import refused, with_causes
 from ftbias_jax.diagnosis.diagnose import diagnose
@@ -13,13 +14,6 @@ from ftbias_jax.diagnosis.terms.wander import _left, _nats, _went, wander_of
 from ftbias_jax.filtering.noise.wander import LEAST_WENT, LEAST_WENT_OF_ALL
 
 MORE = 30.0
-
-
-def wandering(rng, t, density):
-    """(T, 6) white noise of these densities (6,) integrated twice, by the sums that define it."""
-    dt = np.diff(t, prepend=t[0])[:, None]
-    drift = np.cumsum(density * np.sqrt(dt) * rng.normal(size=(len(t), 6)), 0)
-    return np.cumsum(dt * drift, 0)
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_series import gauss_markov
+from made_series import gauss_markov, wandering
 from stated import YAW_PITCH_ROLL
 
 import ftbias_jax as ft
@@ -115,8 +115,7 @@ def test_a_contact_is_left_out_and_told(clean, touched, made):
 def test_a_bias_that_wanders_is_followed_as_by_a_filter_that_knows_how_much(setup, made):
     log, truth = made
     more = 40 * setup.bias.noise_density
-    steps = more * np.sqrt(1 / RATE) * np.random.default_rng(2).normal(size=(len(log.t), 6))
-    added = np.cumsum(np.cumsum(steps, 0), 0) / RATE
+    added = wandering(np.random.default_rng(2), log.t, more)
     wild = with_wrench(log, -added)
     found, result = filtered(setup, wild)
     assert not found.noise.slow.std.any()

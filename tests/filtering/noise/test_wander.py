@@ -4,19 +4,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_series import wandering
 
 from ftbias_jax.filtering.noise.block_filter import Means
 from ftbias_jax.filtering.noise.wander import LEAST_WENT, departures, fit_wander
 
 STEP, COUNT = 0.1, 600
+T = STEP * np.arange(COUNT)
 STATED, PRIOR = np.array([2e-3] * 3 + [1e-4] * 3), np.array([[5.0] * 3 + [0.5] * 3, [0.02] * 3 + [1e-3] * 3])
 STD = np.array([0.05] * 3 + [0.002] * 3)
-
-
-def integrated_twice(rng, density):
-    """(COUNT, 6) white noise of these densities, by the sums that define its integrals."""
-    drift = np.cumsum(density * np.sqrt(STEP) * rng.normal(size=(COUNT, 6)), 0)
-    return np.cumsum(STEP * drift, 0)
 
 
 def means(y, rng, dtype=float, missing=()):
@@ -24,7 +20,7 @@ def means(y, rng, dtype=float, missing=()):
     y = y + STD * rng.normal(size=y.shape)
     y[:, list(missing)] = np.nan
     variance = np.where(np.isfinite(y), STD**2, np.nan)
-    return Means(*(jnp.asarray(x, dtype) for x in (STEP, STEP * np.arange(COUNT), y, variance)))
+    return Means(*(jnp.asarray(x, dtype) for x in (STEP, T, y, variance)))
 
 
 def fitted(blocks):
@@ -36,14 +32,14 @@ def fitted(blocks):
 @pytest.mark.parametrize("more", [12.0, 150.0])
 def test_the_density_is_found(more, dtype):
     rng = np.random.default_rng(round(more))
-    found = fitted(means(integrated_twice(rng, more * STATED), rng, dtype))
+    found = fitted(means(wandering(rng, T, more * STATED), rng, dtype))
     assert found.wanders.all()
     np.testing.assert_allclose(np.log(found.density / (more * STATED)), 0, atol=0.5)
 
 
 def test_a_bias_as_stated_and_an_axis_without_readings_do_not_wander():
     rng = np.random.default_rng(3)
-    found = fitted(means(integrated_twice(rng, STATED), rng, missing=[2]))
+    found = fitted(means(wandering(rng, T, STATED), rng, missing=[2]))
     assert not found.wanders.any()
     assert np.isfinite(found.density).all()
 
@@ -51,20 +47,20 @@ def test_a_bias_as_stated_and_an_axis_without_readings_do_not_wander():
 @pytest.mark.parametrize("hertz", [0.1, 0.4])
 @pytest.mark.parametrize("size", [3.0, 100.0])
 def test_what_comes_back_with_the_motion_does_not_wander(hertz, size):
-    rng, t = np.random.default_rng(4), STEP * np.arange(COUNT)
-    error = size * STD * np.sin(2 * np.pi * hertz * t[:, None] + np.arange(6))
+    rng = np.random.default_rng(4)
+    error = size * STD * np.sin(2 * np.pi * hertz * T[:, None] + np.arange(6))
     found = fitted(means(error, rng))
     assert (found.gain > 12).all()
     assert not found.wanders.any()
 
 
 def test_departures_are_from_the_own_line_of_each_axis():
-    rng, t = np.random.default_rng(5), STEP * np.arange(COUNT)
+    rng = np.random.default_rng(5)
     went = []
     for _ in range(200):
-        y = integrated_twice(rng, np.ones(6)) + 7 - 3 * t[:, None]
-        seen, expected = departures(t, y, np.zeros_like(y))
-        lines = np.stack([np.polyval(np.polyfit(t, x, 1), t) for x in y.T], 1)
+        y = wandering(rng, T, np.ones(6)) + 7 - 3 * T[:, None]
+        seen, expected = departures(T, y, np.zeros_like(y))
+        lines = np.stack([np.polyval(np.polyfit(T, x, 1), T) for x in y.T], 1)
         np.testing.assert_allclose(seen, ((y - lines) ** 2).mean(0), rtol=1e-6)
         went.append(seen / expected)
     assert np.mean(went) == pytest.approx(1, abs=0.15)
