@@ -204,4 +204,6 @@ def of_some(function: Any, chosen: Any, arguments: Any) -> tuple[Callable[[list[
 
 def on_cpu() -> bool:
     """Whether programs run on the processor, where loops of short steps are quick."""
-    return jax.default_backend() == "cpu"
+    config: Any = jax.config  # JAX's types do not know its settings
+    chosen = config.jax_default_device
+    return (getattr(chosen, "platform", chosen) or jax.default_backend()) == "cpu"

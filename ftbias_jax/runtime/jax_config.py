@@ -28,10 +28,14 @@ CACHE_SWITCH = "FTBIAS_CACHE"
 def prepare_jax() -> None:
     """Compute in float64 from now on and keep compiled programs: for a process of its own, before any array is made.
 
+    On the processor, if the environment does not name a device: a log alone takes longer on another one.
+
     Raises:
         UsageError: JAX has no device of the kind that the environment asks for.
     """
     jax.config.update("jax_enable_x64", True)
+    if not os.environ.get("JAX_PLATFORMS"):
+        jax.config.update("jax_platforms", "cpu")
     try:
         jax.devices()
     except (RuntimeError, AssertionError) as error:
@@ -78,25 +82,27 @@ def is_plain(state: os.stat_result) -> bool:
 def in_float64(verb: Callable[P, R]) -> Callable[P, R]:
     """The same function, which computes in float64 whatever JAX's setting is, and keeps its compiled programs.
 
-    The setting holds while the function runs, in the thread that called it; the caller's own programs stay as they are.
+    On the processor, unless the caller has chosen a device (``JAX_PLATFORMS``, ``jax.default_device``). The settings
+    hold while the function runs, in the thread that called it; the caller's own programs stay as they are.
     """
 
     @wraps(verb)
     def run(*arguments: P.args, **named: P.kwargs) -> R:
         keep_programs()
-        with _precision(wide=True):
+        with _precision(wide=True), _device(None):
             return verb(*arguments, **named)
 
     return run
 
 
 def same_precision(function: Callable[P, R]) -> Callable[P, R]:
-    """The same function for other threads, which would not know of a precision or a context that holds in this one."""
-    wide, context = is_wide(), copy_context()
+    """The same function for other threads, which would not know what precision, device and context hold in this one."""
+    config: Any = jax.config  # JAX's types do not know its settings
+    wide, device, context = is_wide(), config.jax_default_device, copy_context()
 
     @wraps(function)
     def run(*arguments: P.args, **named: P.kwargs) -> R:
-        with _precision(wide):
+        with _precision(wide), _device(device):
             return context.copy().run(function, *arguments, **named)
 
     return run
@@ -105,6 +111,14 @@ def same_precision(function: Callable[P, R]) -> Callable[P, R]:
 def _precision(wide: bool) -> AbstractContextManager[object]:
     # Where nothing changes nothing is set: JAX would trace its programs again.
     return nullcontext() if wide == is_wide() else jax.enable_x64(wide)
+
+
+def _device(chosen: Any) -> AbstractContextManager[object]:
+    """The device that was chosen here or before, else the processor."""
+    config: Any = jax.config  # JAX's types do not know its settings
+    if chosen is None and (config.jax_platforms or config.jax_default_device or jax.default_backend() == "cpu"):
+        return nullcontext()
+    return jax.default_device(chosen or jax.devices("cpu")[0])
 
 
 def is_wide() -> bool:

@@ -67,8 +67,11 @@ def results_of(
     logs: Iterable[Task],
     executor: Executor | None,
     told: Callable[[Result | FtbiasError | None], object] = lambda result: None,
+    sets: Callable[[Iterable[Task]], Iterable[Result | FtbiasError]] | None = None,
 ) -> Results[Result]:
     """The result of every log, or path of one, by itself, or why it has none; otherwise as ``do_each``.
+
+    Where there is ``sets``, it works on as many at a time as it likes, and ``work`` and the executor are not used.
 
     Raises:
         UsageError: there is no log.
@@ -80,7 +83,13 @@ def results_of(
             named.append(log if isinstance(log, str) else "")
             yield log
 
-    found = do_each(partial(_or_error, work), noted(), executor, told)
+    found = list[Result | FtbiasError | None]()
+    if sets is None:
+        found = do_each(partial(_or_error, work), noted(), executor, told)
+    else:
+        for result in sets(noted()):
+            told(result)
+            found.append(result)
     if not found:
         raise UsageError("there is no log", field="logs", remedy="give at least one")
     told_of = [LogError(LOST, file=name) if one is None else one for name, one in zip(named, found, strict=True)]

@@ -130,6 +130,7 @@ def filter_file(
         LogError: the log is damaged. SetupError: the tool is not stated, and the log turns it. OutputError, UsageError:
             the result cannot be written.
     """
+    from ftbias_jax.filtering.method.runs import alone
     from ftbias_jax.filtering.verbs.from_setup import filter_with_setup
 
     check_selection(selection, smooth=smooth, adapt=setup.bias.adapt)
@@ -139,7 +140,7 @@ def filter_file(
         save_npz_parts(output, chosen, lambda: about()._replace(selection=selection))
 
     whole = keep or smooth or not os.fspath(output).lower().endswith(".npz")
-    result = filter_with_setup(setup, log, smooth=smooth, write=None if whole else write, **further)
+    result = alone(filter_with_setup(setup, log, smooth=smooth, write=None if whole else write, **further))
     if whole:
         result.save(output, **selection._asdict())
     return result

@@ -5,6 +5,7 @@ the filter as it would run on a robot: joints from the past alone, noise as the 
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import jax
 import numpy as np
@@ -54,16 +55,27 @@ def filter_samples(
     Raises:
         UsageError: the samples are those of a program, and the layout is not given.
     """
-    traced = isinstance(samples.dt, jax.core.Tracer)
     if layout is None:
-        if traced:
+        if isinstance(samples.dt, jax.core.Tracer):
             message = "is not given, and inside jax.jit, jax.vmap or jax.grad it cannot be read off the samples"
             raise UsageError(message, field="layout", remedy="give layout_of(dt) of one log")
         layout = layout_of(np.asarray(samples.dt))
+    return _filter(params, samples, options=options, method=method_for(samples, method, layout), layout=layout)
+
+
+@partial(jax.jit, static_argnames=("options", "method", "layout"))
+def filter_each(
+    params: Params, samples: Sample, *, options: Options, method: tuple[str, ...], layout: Layout
+) -> tuple[Params, States, Infos]:
+    """``filter_samples`` of many logs as one program, where all leaves have one more axis in front."""
+    return jax.vmap(partial(_filter, options=options, method=method, layout=layout))(params, samples)
+
+
+def method_for(samples: Sample, method: tuple[str, ...], layout: Layout) -> tuple[str, ...]:
+    """The passes over a log: one that is too short does not show its noise."""
+    traced = isinstance(samples.dt, jax.core.Tracer)
     length = len(samples.dt) if traced else int(measured_length(samples, np))
-    if length // layout.size < LEAST_BLOCKS:
-        method = tuple(name for name in method if name != "fit_noise")
-    return _filter(params, samples, options=options, method=method, layout=layout)
+    return tuple(name for name in method if name != "fit_noise" or length // layout.size >= LEAST_BLOCKS)
 
 
 @keep_program("options", "method", "layout")

@@ -1,6 +1,6 @@
 """A recorded log filtered from its setup: the arrays of the method, back at the stamps of the wrench."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.filtering.method.by_parts import filter_parts
-from ftbias_jax.filtering.method.filter_samples import AS_STATED, METHOD, filter_samples
+from ftbias_jax.filtering.method.filter_samples import AS_STATED, METHOD
+from ftbias_jax.filtering.method.runs import Found, Run, Steps, alone
 from ftbias_jax.filtering.method.work import Infos, States
 from ftbias_jax.filtering.noise.blocks import layout_of
 from ftbias_jax.filtering.noise.contact import Contact, in_contact
@@ -45,7 +46,7 @@ class Ready(NamedTuple):
 
 def ready_to_filter(
     setup: Setup, parts: Callable[[int], Iterator[Log]], length: int, first_q: Array, *, smooth: bool = False
-) -> Ready:
+) -> Steps[Ready]:
     """Filter a log: joints smoothed, noise of the log found; or as stated, where ``[bias] adapt = false`` asks for it.
 
     The log comes in parts: so many samples at once -> them. With ``smooth`` the bias given past and future is added.
@@ -65,23 +66,23 @@ def ready_to_filter(
     params = params._replace(joint=no_less_than_shown(params.joint, samples)) if adapt else params
     layout = layout_of(samples.dt)
 
-    def run(method: tuple[str, ...]) -> tuple[Params, States, Infos]:
-        return jax.tree.map(np.asarray, filter_samples(params, samples, options, method=method, layout=layout))
+    def run(method: tuple[str, ...]) -> Generator[Run, Found, Found]:
+        return (yield Run(params, samples, options, method, layout))
 
     last = ("smooth_bias",) if smooth and adapt else ()
-    taken, states, infos = run((*method, *last))
+    taken, states, infos = yield from run((*method, *last))
     if infos.noise is None:
         noise = nothing()
     else:
         noise = told(infos.noise, layout, slow_is_stated=slow)
         if max(infos.kept_out, infos.kept_out_at_first) > 1 - LEAST_USED:
-            again = run((*method[:-1], "begin_at_median", "filter_bias", *last))
+            again = yield from run((*method[:-1], "begin_at_median", "filter_bias", *last))
             if better := again[2].kept_out < infos.kept_out:
                 taken, states, infos = again
             kept_out = float(infos.kept_out) if infos.kept_out > 1 - LEAST_USED else 0.0
             noise = noise._replace(begun_again=bool(better), kept_out=kept_out)
     if smooth and not adapt:  # smoothed joints have no lag, so their process noise is not guarded
-        smoothed = run((*first, "smooth_joints", "filter_bias", "smooth_bias"))[1]
+        _, smoothed, _ = yield from run((*first, "smooth_joints", "filter_bias", "smooth_bias"))
         states = states._replace(bias_smooth=smoothed.bias_smooth, bias_smooth_std=smoothed.bias_smooth_std)
     noise = noise._replace(contacts=in_log_time(noise.contacts, samples.dt, log.t))
     return Ready(as_stated(taken), noise, [result_of(log, states, infos, noise.contacts if adapt else None)])
@@ -129,6 +130,6 @@ def result_of(log: Log, states: States, infos: Infos, contacts: Sequence[Contact
 def filtered_with(setup: Setup, log: Log, calls: int = 1) -> tuple[Filtered, Params]:
     """A log filtered as ``ftbias filter`` does it, in one of so many calls, and the parameters that the filter took."""
     with compiled_for_few_calls(calls * len(log.t)):
-        ready = ready_to_filter(setup, slices(log), len(log.t), first_position(log.q))
+        ready = alone(ready_to_filter(setup, slices(log), len(log.t), first_position(log.q)))
         (filtered,) = ready.results
     return filtered, ready.params

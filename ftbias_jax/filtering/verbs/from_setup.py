@@ -11,6 +11,7 @@ from ftbias_jax.check.check_setup import check_parts, check_setup
 from ftbias_jax.check.result import Check
 from ftbias_jax.errors import FtbiasError
 from ftbias_jax.filtering.method.ready import ready_to_filter
+from ftbias_jax.filtering.method.runs import Steps, alone, in_sets
 from ftbias_jax.filtering.noise.joint_scatter import remark_of_joints
 from ftbias_jax.filtering.noise.log_noise import remarks_of_noise
 from ftbias_jax.filtering.quality import contacts, observability, summary
@@ -26,6 +27,7 @@ from ftbias_jax.io.parts import OpenLog
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.io.write.selection import About
 from ftbias_jax.model.effects.types import Effect
+from ftbias_jax.runtime.compiled_loops import on_cpu
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.many import results_of
 from ftbias_jax.setup import GivenSetup, Setup, as_setup
@@ -99,32 +101,40 @@ def filter_log(
     setup, done = as_setup(setup, effects), 0
     setup = replace(setup, bias=replace(setup.bias, adapt=False)) if as_stated else setup
 
-    work = partial(_filtered, setup=setup, smooth=smooth, unchecked=unchecked, fields=fields)
+    steps = partial(_steps, setup=setup, smooth=smooth, unchecked=unchecked, fields=fields)
+    work = partial(_filtered, steps)
     if isinstance(log, Log | str | os.PathLike):
         return work(log, progress=progress)
+    in_turn = executor is None and on_cpu()
 
     def tell(result: FilterResult | FtbiasError | None) -> None:
         nonlocal done
         if isinstance(result, FilterResult):
             done += len(result.t)
-            if executor:  # here the log told of itself
+            if not in_turn:  # otherwise the log told of itself
                 progress(done)
 
-    if executor is None:
+    if in_turn:
         work = partial(work, progress=lambda samples: progress(done + samples))
-    many = results_of(work, each_of(log, executor), executor, tell)
+    sets = None if executor or in_turn else partial(in_sets, steps)
+    many = results_of(work, each_of(log, executor), executor, tell, sets)
     return FilterResults(many.results, many.errors)
 
 
-def _filtered(
+def _filtered(steps: Callable[..., Steps[FilterResult]], log: GivenLog, **named: Any) -> FilterResult:
+    return alone(steps(log, **named))
+
+
+def _steps(
     log: GivenLog,
     setup: Setup,
     smooth: bool,
     unchecked: bool,
     fields: Sequence[str],
     progress: Callable[[int], None] = _nobody,
-) -> FilterResult:
-    result = filter_with_setup(setup, as_log(log, setup), smooth=smooth, unchecked=unchecked, progress=progress)
+) -> Steps[FilterResult]:
+    read = as_log(log, setup)
+    result = yield from filter_with_setup(setup, read, smooth=smooth, unchecked=unchecked, progress=progress)
     return only(replace(result, repairs=(*map(Repair, result.checked.lines()), *result.repairs)), fields)
 
 
@@ -137,7 +147,7 @@ def filter_with_setup(
     progress: Callable[[int], None] = _nobody,
     warn: Callable[[str], None] = lambda line: None,
     write: Callable[[Iterator[Filtered], Callable[[], About]], None] | None = None,
-) -> FilterResult:
+) -> Steps[FilterResult]:
     """One log, the road of ``filter_log`` and of ``ftbias filter``, by a setup with all effects; errors as there.
 
     Before anything is computed ``warn`` is called with each mistake of the setup. If there is ``write``, it takes the
@@ -154,7 +164,7 @@ def filter_with_setup(
         checked = check_setup(setup, [log]) if isinstance(log, Log) else check_parts(setup, parts, length)
     for line in checked.lines():
         warn(line)
-    ready = ready_to_filter(setup, parts, length, first_q, smooth=smooth)
+    ready = yield from ready_to_filter(setup, parts, length, first_q, smooth=smooth)
     tally, turning, touches = summary.start(), observability.start(), contacts.start(ready.noise.contacts)
     bias = setup.bias
     said: dict[str, Any] = {"smooth": smooth, "salvage": salvaged, "gate": bias.gate, "adapt": bias.adapt}

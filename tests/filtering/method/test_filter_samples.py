@@ -17,6 +17,7 @@ from ftbias_jax.filtering.method import by_parts, ready
 from ftbias_jax.filtering.method.filter_samples import AS_STATED, METHOD, filter_samples
 from ftbias_jax.filtering.method.passes import GATE
 from ftbias_jax.filtering.method.ready import ready_to_filter
+from ftbias_jax.filtering.method.runs import alone
 from ftbias_jax.filtering.noise.blocks import layout_of
 from ftbias_jax.filtering.params_for_log import LAG_GUARD, likeliest_params
 from ftbias_jax.filtering.pipeline import predict_wrench
@@ -65,7 +66,7 @@ def likeliest(setup, made):
 
 def filtered(setup, log, smooth=False):
     """What the log shows, and its result."""
-    found = ready_to_filter(setup, slices(log), len(log.t), log.q[0], smooth=smooth)
+    found = alone(ready_to_filter(setup, slices(log), len(log.t), log.q[0], smooth=smooth))
     return found, join(list(found.results))
 
 
@@ -162,7 +163,7 @@ def test_parts_are_the_whole(setup, made, clean, monkeypatch):
         reads.append(size)
         return slices(log)(size)
 
-    found = ready_to_filter(setup, parts, len(log.t), log.q[0])
+    found = alone(ready_to_filter(setup, parts, len(log.t), log.q[0]))
     results = list(found.results)
     assert [len(part.t) for part in results] == [2050, 2050, 2050, 7500 - 3 * 2050]
     assert reads[1:] == [2050, 2050]

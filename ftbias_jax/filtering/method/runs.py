@@ -1,0 +1,106 @@
+"""Runs of the method that logs ask for: done one by one, or on an accelerator for a set of logs as one program.
+
+What is done for a log is a generator. It yields the runs of the method that it needs, one after the other, is sent what
+each gave, and returns the result of the log.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import numpy as np
+
+from ftbias_jax.errors import FtbiasError
+from ftbias_jax.filtering.method.filter_samples import filter_each, filter_samples, method_for
+from ftbias_jax.filtering.method.work import Infos, States
+from ftbias_jax.filtering.noise.blocks import Layout
+from ftbias_jax.filtering.pipeline import Options
+from ftbias_jax.model.params import Params
+from ftbias_jax.types import Sample
+
+SET_SAMPLES = 1 << 21
+"""Samples that are worked on together, padding included; each takes some 4 kB of the accelerator's memory."""
+
+Result = TypeVar("Result")
+Task = TypeVar("Task")
+Found = tuple[Params, States, Infos]
+"""What a run gives, of NumPy arrays."""
+Steps = Generator["Run", Found, Result]
+"""What is done for a log."""
+
+
+class Run(NamedTuple):
+    """The arguments of ``filter_samples``."""
+
+    params: Params
+    samples: Sample
+    options: Options
+    method: tuple[str, ...]
+    layout: Layout
+
+    def program(self) -> tuple[Any, ...]:
+        """Equal for runs that one program can do together."""
+        leaves, tree = jax.tree.flatten((self.params, self.samples))
+        method = method_for(self.samples, self.method, self.layout)
+        return tree, tuple((np.shape(x), np.result_type(x)) for x in leaves), self.options, method, self.layout
+
+
+def alone(steps: Steps[Result]) -> Result:
+    """The result of a log, whose runs are done as it asks for them."""
+    found: Any = None
+    while True:
+        try:
+            params, samples, options, method, layout = steps.send(found)
+        except StopIteration as end:
+            result: Result = end.value
+            return result
+        found = jax.tree.map(np.asarray, filter_samples(params, samples, options, method=method, layout=layout))
+
+
+def in_sets(start: Callable[[Task], Steps[Result]], tasks: Iterable[Task]) -> Iterator[Result | FtbiasError]:
+    """The results of many logs in their order, or why one has none; runs of one program are done together.
+
+    Args:
+        start: a log -> what is done for it.
+        tasks: the logs, taken from a generator as far as the next set needs.
+    """
+    steps, runs, done, room = list[Steps[Result]](), dict[int, Run](), dict[int, Result | FtbiasError](), 0
+
+    def proceed(i: int, found: Any) -> None:
+        try:
+            runs[i] = steps[i].send(found)
+        except StopIteration as end:
+            done[i] = end.value
+        except FtbiasError as error:
+            done[i] = error
+
+    def finish() -> Iterator[Result | FtbiasError]:
+        while runs:
+            by_program = defaultdict[Any, list[int]](list)
+            for i, run in runs.items():
+                by_program[run.program()].append(i)
+            for program, alike in by_program.items():
+                for i, found in zip(alike, _done_together(program, [runs.pop(i) for i in alike]), strict=True):
+                    proceed(i, found)
+        yield from (done[i] for i in range(len(steps)))
+
+    for task in tasks:
+        steps.append(start(task))
+        proceed(i := len(steps) - 1, None)
+        room += len(runs[i].samples.dt) if i in runs else 0
+        if room >= SET_SAMPLES:
+            yield from finish()
+            steps, runs, done, room = [], {}, {}, 0
+    yield from finish()
+
+
+def _done_together(program: tuple[Any, ...], runs: Sequence[Run]) -> list[Found]:
+    """What each of some runs of one program gives."""
+    count = 1 << (len(runs) - 1).bit_length()  # of sets of many sizes few are compiled
+    rows = [(run.params, run.samples) for run in runs]
+    stacked = jax.tree.map(lambda *x: np.stack(x), *rows, *rows[-1:] * (count - len(rows)))
+    _, _, options, method, layout = program
+    found = jax.tree.map(np.asarray, filter_each(*stacked, options=options, method=method, layout=layout))
+    # Copies, or a result of which little is kept would hold the arrays of the whole set.
+    return [jax.tree.map(lambda x, i=i: np.array(x[i]), found) for i in range(len(runs))]
