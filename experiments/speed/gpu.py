@@ -1,7 +1,7 @@
-"""The pipeline on a graphics card, per one core: 64, 1,000 and 4,000 logs of 4,096 samples, in both precisions.
+"""Many logs on a graphics card, per the same on one core: wall time of compiled programs, arguments on the device.
 
-Each device is a process of its own, both at once; what the card finds is compared with what the core finds. Wall time of
-compiled programs whose arguments are on the device.
+64, 1,000 and 4,000 logs of 4,096 samples in both precisions, and ``ft.filter_log`` of 300 logs of 10 s at 500 Hz. Each
+device is a process of its own, both at once; what the card finds is compared with what the core finds.
 """
 
 import json
@@ -12,7 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
-PLATFORM = sys.argv[1] if len(sys.argv) > 2 else None
+PLATFORM, FOLDER = sys.argv[1:] if len(sys.argv) > 1 else ("cpu", "")
 if PLATFORM == "cpu":
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -22,21 +22,30 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+import ftbias_jax as ft
 from ftbias_jax.filtering import likelihood, pipeline
-from ftbias_jax.filtering.method.filter_samples import filter_samples
-from ftbias_jax.filtering.noise.blocks import layout_of
 
-RATE, LENGTH, MADE = 1e-3, 4096, 64
-COUNTS = (64, 1000, 4000)
+RATE, LENGTH, FEW, ROUNDS = 1e-3, 4096, 64, 3
+COUNTS = {"cpu": (FEW,), "cuda": (FEW, 1000, 4000)}
+"""Logs; a core takes one after the other."""
+MOST = {"method": 1000}
+"""Logs beyond which a contestant takes more memory than there is, or does not compile in minutes."""
+LOGS, SECONDS, DIFFERENT = 300, 10.0, 20
 OPTIONS = pipeline.DEFAULT_OPTIONS
 PARAMS = common.PARAMS._replace(joint=common.PARAMS.joint._replace(process_density=jnp.full(7, 30.0)))
+LAYOUT = ft.layout_of(np.r_[0.0, np.full(LENGTH - 1, RATE)])
+TIME_LIMIT = 1200  # s
+
+
+def cast(tree, dtype):
+    return jax.tree.map(lambda x: x.astype(dtype), tree)
 
 
 def make_logs():
     t = RATE * jnp.arange(LENGTH)
-    motions = jax.tree.map(lambda *x: jnp.stack(x), *(common.sines(seed, t) for seed in range(MADE)))
-    samples = common.simulate_logs(0, MADE, PARAMS, motions)[1]
-    return samples._replace(dt=jnp.full((MADE, LENGTH), RATE).at[:, 0].set(0.0))
+    motions = jax.tree.map(lambda *x: jnp.stack(x), *(common.sines(seed, t) for seed in range(FEW)))
+    samples = common.simulate_logs(0, FEW, PARAMS, motions)[1]
+    return samples._replace(dt=jnp.full((FEW, LENGTH), RATE).at[:, 0].set(0.0))
 
 
 def bias_of(params, samples):
@@ -52,6 +61,12 @@ def score(params, samples):
     return likelihood.log_likelihood(params, samples, OPTIONS)
 
 
+def by_method(params, samples):
+    """Bias and its standard deviation by all passes of ``filter_log`` but the search for the joints' noise."""
+    states = ft.filter_samples(params, samples, layout=LAYOUT)[1]
+    return states.bias, states.bias_std
+
+
 def each(function):
     return lambda params, logs: jax.vmap(function, (None, 0))(params, logs)
 
@@ -65,18 +80,7 @@ def gradient(params, logs):
     return jax.value_and_grad(nats, argnums=(0, 1))(params.joint, params.bias)
 
 
-def method(params, logs):
-    """Bias and its standard deviation by all passes of ``filter_log``."""
-    layout = layout_of(np.r_[0.0, np.full(LENGTH - 1, RATE)])
-
-    def one(params, samples):
-        states = filter_samples(params, samples, layout=layout)[1]
-        return states.bias, states.bias_std
-
-    return each(one)(params, logs)
-
-
-CONTESTANTS = {"pipeline": each(bias_of), "likelihood": each(score), "gradient": gradient, "method": method}
+CONTESTANTS = {"pipeline": each(bias_of), "likelihood": each(score), "gradient": gradient, "method": each(by_method)}
 
 
 def timed(function, *arguments):
@@ -85,46 +89,97 @@ def timed(function, *arguments):
     return time.perf_counter() - start, found
 
 
-def of_device(folder):
-    made, found = make_logs(), {}
-    only = set(sys.argv[3].split(",")) if len(sys.argv) > 3 else set(CONTESTANTS)
-    for dtype in ("float64", "float32"):
-        params, few = jax.tree.map(lambda x: x.astype(dtype), (PARAMS, made))
-        for name in [x for x in CONTESTANTS if x in only]:
-            function = CONTESTANTS[name]
-            for count in COUNTS:
-                if name == "method" and count > 1000:
-                    continue
-                logs = jax.tree.map(lambda x: jnp.tile(x, (-(-count // MADE), *[1] * (x.ndim - 1)))[:count], few)
-                key = f"{name}, {dtype}, {count}"
-                try:
-                    start = time.perf_counter()
-                    program = jax.jit(function).lower(params, logs).compile()
-                    compiled = time.perf_counter() - start
-                    if count == MADE:
-                        (Path(folder) / f"{PLATFORM}_{name}_{dtype}.hlo").write_text(program.as_text())
-                    first, values = timed(program, params, logs)
-                    if count == MADE:
-                        np.savez(Path(folder) / f"{PLATFORM}_{name}_{dtype}.npz", *jax.tree.leaves(values))
-                    del values
-                    rounds = [timed(program, params, logs)[0] for _ in range(2 if first < 3 else 1)]
-                    found[key] = {"us_per_sample": 1e6 * min(rounds) / (count * LENGTH), "compile_s": compiled}
-                except Exception as error:
-                    found[key] = {"error": f"{type(error).__name__}: {error}"[:1500]}
-                print(PLATFORM, key, found[key], flush=True)
-    stats = jax.devices()[0].memory_stats() or {}
-    return {"device": jax.devices()[0].device_kind, "peak_GB": stats.get("peak_bytes_in_use", 0) / 1e9, "found": found}
+def measured(name, dtype, count, params, few):
+    logs = jax.tree.map(lambda x: jnp.tile(x, (-(-count // FEW), *[1] * (x.ndim - 1)))[:count], few)
+    start = time.perf_counter()
+    program = jax.jit(CONTESTANTS[name]).lower(params, logs).compile()
+    seconds = time.perf_counter() - start
+    values = timed(program, params, logs)[1]
+    if count == FEW:
+        np.savez(Path(FOLDER) / f"{PLATFORM}, {name}, {dtype}.npz", *jax.tree.leaves(values))
+    del values
+    best = min(timed(program, params, logs)[0] for _ in range(ROUNDS if count < 4000 else 1))
+    memory = program.memory_analysis()
+    return {
+        "us_per_sample": 1e6 * best / (count * LENGTH),
+        "compile_s": seconds,
+        "memory_GB": (memory.temp_size_in_bytes + memory.output_size_in_bytes) / 1e9,
+    }
+
+
+def of_verb(logs):
+    """``ft.filter_log`` of logs in memory, s a log, the first time and again."""
+    first, _ = timed(lambda: ft.filter_log(common.SETUP, logs, fields=["bias"]))
+    again, results = timed(lambda: ft.filter_log(common.SETUP, logs, fields=["bias"]))
+    np.savez(Path(FOLDER) / f"{PLATFORM}, filter_log, float64.npz", *(x.bias for x in results[:DIFFERENT]))
+    return {"first_ms_a_log": 1e3 * first / len(logs), "ms_a_log": 1e3 * again / len(logs)}
+
+
+def of_device():
+    """All that one device does; what is done is in a file, whatever comes after."""
+    found, made = {"device": jax.devices()[0].device_kind}, make_logs()
+
+    def note(key, function, *arguments):
+        try:
+            found[key] = function(*arguments)
+        except Exception as error:  # too little memory, of a smaller card
+            found[key] = {"error": f"{type(error).__name__}: {error}"[:300]}
+        print(PLATFORM, key, found[key], flush=True)
+        (Path(FOLDER) / f"{PLATFORM}.json").write_text(json.dumps(found))
+
+    for dtype in (jnp.float64, jnp.float32):
+        params, few = cast((PARAMS, made), dtype)
+        for name in CONTESTANTS:
+            for count in COUNTS[PLATFORM]:
+                if count <= MOST.get(name, count):
+                    bits = jnp.dtype(dtype).name
+                    note(f"{name}, {bits}, {count} logs", measured, name, bits, count, params, few)
+    files = np.load(Path(FOLDER) / "logs.npz")
+    logs = [ft.Log.from_arrays(common.SETUP, *(files[f"{x}{i}"] for x in ("t", "q", "w"))) for i in range(DIFFERENT)]
+    note(f"filter_log, {LOGS} logs", of_verb, (logs * (LOGS // DIFFERENT)))
+
+
+def difference(name, dtype, folder):
+    """Largest difference of what the two devices found, per the largest of it; None = one of them did not."""
+    try:
+        files = [np.load(folder / f"{x}, {name}, {dtype}.npz") for x in COUNTS]
+    except FileNotFoundError:
+        return None
+    pairs = [[x[key] for x in files] for key in files[0]]
+    return float(max(np.abs(a - b).max() / max(np.abs(a).max(), 1e-300) for a, b in pairs))
 
 
 def main():
-    with tempfile.TemporaryDirectory() as folder:
-        devices = [subprocess.Popen([sys.executable, __file__, x, folder]) for x in ("cpu", "cuda")]
-        [x.wait() for x in devices]
+    with tempfile.TemporaryDirectory() as place:
+        folder, arrays = Path(place), {}
+        for i in range(DIFFERENT):
+            log = ft.simulate(common.SETUP, duration=SECONDS, rate=500.0, seed=i).log
+            arrays |= {f"t{i}": log.t, f"q{i}": log.q, f"w{i}": log.wrench}
+        np.savez(folder / "logs.npz", **arrays)
+        environment = {x: {**os.environ, "JAX_PLATFORMS": "cpu" if x == "cpu" else f"{x},cpu"} for x in COUNTS}
+        running = [subprocess.Popen([sys.executable, __file__, x, place], env=environment[x]) for x in COUNTS]
+        limit = time.monotonic() + float(os.environ.get("TIME_LIMIT", TIME_LIMIT))
+        for process in running:
+            try:
+                process.wait(max(limit - time.monotonic(), 0))
+            except subprocess.TimeoutExpired:
+                process.kill()
+        result = {x: json.loads((folder / f"{x}.json").read_text()) for x in COUNTS}
+        names = [
+            *((name, dtype) for dtype in ("float64", "float32") for name in CONTESTANTS),
+            ("filter_log", "float64"),
+        ]
+        result["difference"] = {f"{name}, {dtype}": difference(name, dtype, folder) for name, dtype in names}
+    one = {key: x["us_per_sample"] for key, x in result["cpu"].items() if key.endswith(f" {FEW} logs")}
+    result["core_per_card"] = {
+        key: one[f"{key.rsplit(',', 1)[0]}, {FEW} logs"] / x["us_per_sample"]
+        for key, x in result["cuda"].items()
+        if "us_per_sample" in x
+    }
+    result = jax.tree.map(lambda x: float(f"{x:.3g}") if isinstance(x, float) else x, result)
+    print(json.dumps(result, indent=1))
+    common.keep(__file__, result, name="gpu")
 
 
 if __name__ == "__main__":
-    if PLATFORM:
-        result = of_device(sys.argv[2])
-        (Path(sys.argv[2]) / f"{PLATFORM}.json").write_text(json.dumps(result, indent=1))
-    else:
-        main()
+    of_device() if FOLDER else main()

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from ftbias_jax.errors import UsageError
+from ftbias_jax.runtime.compiled_loops import on_cpu
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -89,7 +90,7 @@ def in_float64(verb: Callable[P, R]) -> Callable[P, R]:
     @wraps(verb)
     def run(*arguments: P.args, **named: P.kwargs) -> R:
         keep_programs()
-        with _precision(wide=True), _device(None):
+        with _precision(wide=True), nullcontext() if _is_chosen() else on_device(None):
             return verb(*arguments, **named)
 
     return run
@@ -102,7 +103,7 @@ def same_precision(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def run(*arguments: P.args, **named: P.kwargs) -> R:
-        with _precision(wide), _device(device):
+        with _precision(wide), on_device(device) if device else nullcontext():
             return context.copy().run(function, *arguments, **named)
 
     return run
@@ -113,12 +114,28 @@ def _precision(wide: bool) -> AbstractContextManager[object]:
     return nullcontext() if wide == is_wide() else jax.enable_x64(wide)
 
 
-def _device(chosen: Any) -> AbstractContextManager[object]:
-    """The device that was chosen here or before, else the processor."""
+def _is_chosen() -> bool:
+    """Whether the caller has said on which device JAX is to compute."""
     config: Any = jax.config  # JAX's types do not know its settings
-    if chosen is None and (config.jax_platforms or config.jax_default_device or jax.default_backend() == "cpu"):
-        return nullcontext()
-    return jax.default_device(chosen or jax.devices("cpu")[0])
+    return bool(config.jax_platforms or config.jax_default_device)
+
+
+def on_device(device: Any) -> AbstractContextManager[object]:
+    """A block in which JAX computes there; None = on the processor, where JAX may use it."""
+    if device is None:
+        if on_cpu():  # where nothing changes nothing is set: JAX would trace its programs again
+            return nullcontext()
+        try:
+            device = jax.devices("cpu")[0]
+        except RuntimeError:
+            return nullcontext()
+    return jax.default_device(device)
+
+
+def accelerator() -> Any:
+    """The device on which JAX computes, if it is not the processor."""
+    config: Any = jax.config  # JAX's types do not know its settings
+    return None if on_cpu() else config.jax_default_device or jax.devices()[0]
 
 
 def is_wide() -> bool:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.errors import FtbiasError
@@ -43,7 +44,7 @@ class Run(NamedTuple):
         """Equal for runs that one program can do together."""
         leaves, tree = jax.tree.flatten((self.params, self.samples))
         method = method_for(self.samples, self.method, self.layout)
-        return tree, tuple((np.shape(x), np.result_type(x)) for x in leaves), self.options, method, self.layout
+        return tree, tuple((np.shape(x), jnp.result_type(x)) for x in leaves), self.options, method, self.layout
 
 
 def alone(steps: Steps[Result]) -> Result:
@@ -58,11 +59,14 @@ def alone(steps: Steps[Result]) -> Result:
         found = jax.tree.map(np.asarray, filter_samples(params, samples, options, method=method, layout=layout))
 
 
-def in_sets(start: Callable[[Task], Steps[Result]], tasks: Iterable[Task]) -> Iterator[Result | FtbiasError]:
+def in_sets(
+    start: Callable[[Task], Steps[Result]], device: Any, tasks: Iterable[Task]
+) -> Iterator[Result | FtbiasError]:
     """The results of many logs in their order, or why one has none; runs of one program are done together.
 
     Args:
         start: a log -> what is done for it.
+        device: of JAX, which does the runs; all else is done where it is called for.
         tasks: the logs, taken from a generator as far as the next set needs.
     """
     steps, runs, done, room = list[Steps[Result]](), dict[int, Run](), dict[int, Result | FtbiasError](), 0
@@ -81,7 +85,7 @@ def in_sets(start: Callable[[Task], Steps[Result]], tasks: Iterable[Task]) -> It
             for i, run in runs.items():
                 by_program[run.program()].append(i)
             for program, alike in by_program.items():
-                for i, found in zip(alike, _done_together(program, [runs.pop(i) for i in alike]), strict=True):
+                for i, found in zip(alike, _done_together(program, [runs.pop(i) for i in alike], device), strict=True):
                     proceed(i, found)
         yield from (done[i] for i in range(len(steps)))
 
@@ -95,12 +99,13 @@ def in_sets(start: Callable[[Task], Steps[Result]], tasks: Iterable[Task]) -> It
     yield from finish()
 
 
-def _done_together(program: tuple[Any, ...], runs: Sequence[Run]) -> list[Found]:
+def _done_together(program: tuple[Any, ...], runs: Sequence[Run], device: Any) -> list[Found]:
     """What each of some runs of one program gives."""
     count = 1 << (len(runs) - 1).bit_length()  # of sets of many sizes few are compiled
     rows = [(run.params, run.samples) for run in runs]
     stacked = jax.tree.map(lambda *x: np.stack(x), *rows, *rows[-1:] * (count - len(rows)))
     _, _, options, method, layout = program
-    found = jax.tree.map(np.asarray, filter_each(*stacked, options=options, method=method, layout=layout))
+    with jax.default_device(device):
+        found = jax.tree.map(np.asarray, filter_each(*stacked, options=options, method=method, layout=layout))
     # Copies, or a result of which little is kept would hold the arrays of the whole set.
     return [jax.tree.map(lambda x, i=i: np.array(x[i]), found) for i in range(len(runs))]

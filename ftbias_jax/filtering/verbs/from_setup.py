@@ -27,8 +27,7 @@ from ftbias_jax.io.parts import OpenLog
 from ftbias_jax.io.write.provenance import provenance, source_of
 from ftbias_jax.io.write.selection import About
 from ftbias_jax.model.effects.types import Effect
-from ftbias_jax.runtime.compiled_loops import on_cpu
-from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.runtime.jax_config import accelerator, in_float64, on_device
 from ftbias_jax.runtime.many import results_of
 from ftbias_jax.setup import GivenSetup, Setup, as_setup
 
@@ -105,7 +104,8 @@ def filter_log(
     work = partial(_filtered, steps)
     if isinstance(log, Log | str | os.PathLike):
         return work(log, progress=progress)
-    in_turn = executor is None and on_cpu()
+    device = None if executor else accelerator()
+    in_turn = executor is None and device is None
 
     def tell(result: FilterResult | FtbiasError | None) -> None:
         nonlocal done
@@ -116,8 +116,9 @@ def filter_log(
 
     if in_turn:
         work = partial(work, progress=lambda samples: progress(done + samples))
-    sets = None if executor or in_turn else partial(in_sets, steps)
-    many = results_of(work, each_of(log, executor), executor, tell, sets)
+    sets = None if device is None else partial(in_sets, steps, device)
+    with on_device(None):
+        many = results_of(work, each_of(log, executor), executor, tell, sets)
     return FilterResults(many.results, many.errors)
 
 

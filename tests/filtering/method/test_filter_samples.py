@@ -13,7 +13,7 @@ from stated import YAW_PITCH_ROLL
 import ftbias_jax as ft
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import bias_filter
-from ftbias_jax.filtering.method import by_parts, ready
+from ftbias_jax.filtering.method import by_parts, ready, runs
 from ftbias_jax.filtering.method.filter_samples import AS_STATED, METHOD, filter_samples
 from ftbias_jax.filtering.method.passes import GATE
 from ftbias_jax.filtering.method.ready import ready_to_filter
@@ -215,13 +215,13 @@ def test_a_few_odd_readings_at_the_start_do_not_shut_the_gate_for_good(setup, ma
 
 def test_one_odd_reading_at_the_start_costs_the_bias_nothing(setup, made, monkeypatch):
     """Also if the gate that it shuts opens before half of the log is over; what fills a log up is not counted."""
-    runs = []
+    done = []
 
     def noted(*arguments, **named):
-        runs.append(filter_samples(*arguments, **named))
-        return runs[-1]
+        done.append(filter_samples(*arguments, **named))
+        return done[-1]
 
-    monkeypatch.setattr(ready, "filter_samples", noted)
+    monkeypatch.setattr(runs, "filter_samples", noted)
     log, bias = made
     odd = (np.arange(len(log.t)) < 1)[:, None] * 20 * setup.sensor.noise_std
     found, result = filtered(setup, with_wrench(log, odd))
@@ -229,7 +229,7 @@ def test_one_odd_reading_at_the_start_costs_the_bias_nothing(setup, made, monkey
     assert result.used[1:].mean() > 0.99
     error = np.abs(result.bias - bias) / result.bias_std
     assert error[10:].max() < 5
-    shut, opened = (infos for _, _, infos in runs)
+    shut, opened = (infos for _, _, infos in done)
     assert len(shut.used) > len(log.t)
     used = np.asarray(shut.used)[: len(log.t)]
     assert used.mean() > 0.5

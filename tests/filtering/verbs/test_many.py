@@ -2,11 +2,15 @@
 
 import tomllib
 
+import jax
 import numpy as np
 import pytest
 import small_archive
 
 import ftbias_jax as ft
+from ftbias_jax.filtering.method import runs
+from ftbias_jax.filtering.method.filter_samples import filter_each
+from ftbias_jax.filtering.verbs import from_setup
 
 LENGTHS = (4.0, 1.0, 3.1)  # s
 
@@ -47,6 +51,30 @@ def test_each_result_is_that_of_the_log_alone(setup, logs):
         for name in ("t", "bias", "bias_std", "drift", "wrench_tool", "innovation", "log_likelihood"):
             np.testing.assert_allclose(getattr(result, name), getattr(alone, name), rtol=1e-12, atol=1e-12)
         assert str(result) == str(alone)
+
+
+def test_sets_of_logs_are_done_as_one_program_where_there_is_an_accelerator(setup, folder, logs, monkeypatch, together):
+    """Of any lengths, more of them than are held at a time, one that cannot be read among them."""
+    given = [*sorted(folder.iterdir()), *logs[:2]]
+    alone = ft.filter_log(setup, given)
+    sizes, done = [], []
+
+    def noted(params, samples, **named):
+        sizes.append(len(samples.dt))
+        return filter_each(params, samples, **named)
+
+    monkeypatch.setattr(from_setup, "accelerator", lambda: jax.devices()[0])
+    monkeypatch.setattr(runs, "filter_each", noted)
+    monkeypatch.setattr(runs, "SET_SAMPLES", 1600)
+    found = ft.filter_log(setup, given, progress=done.append)
+    assert sizes == [4, 1]
+    assert done == sorted(done)
+    assert done[-1] == sum(len(x.t) for x in alone if x is not None)
+    assert [*found.errors] == [*alone.errors] == [2]
+    for a, b in zip(found, alone, strict=True):
+        assert str(a) == str(b)
+        if a is not None:
+            np.testing.assert_allclose(a.bias, b.bias, rtol=1e-9, atol=1e-9)
 
 
 def test_a_bad_log_is_named_and_the_others_have_their_results(together, folder):
