@@ -20,8 +20,8 @@ from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.model.params import Params
 from ftbias_jax.types import Sample
 
-SET_SAMPLES = 1 << 21
-"""Samples that are worked on together, padding included; each takes some 4 kB of the accelerator's memory."""
+SET_SAMPLES = 1 << 20
+"""Samples that are worked on together, padding included: of the accelerator's memory each takes a few kB."""
 
 Result = TypeVar("Result")
 Task = TypeVar("Task")

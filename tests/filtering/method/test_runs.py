@@ -47,7 +47,7 @@ def test_results_are_in_order_however_many_runs_a_log_needs(counts):
     found = list(in_sets(steps, jax.devices()[0], iter(TASKS)))
     assert [None if isinstance(x, LogError) else x for x in found] == RESULTS
     # Three of one length (a fourth fills the program up), and two of the other; then those who ask again.
-    assert counts == [(4, 8), (2, 16), (1, 16), (1, 8), (1, 8)]
+    assert counts == [(4, 8), (2, 16), (1, 8), (1, 16), (1, 8)]
 
 
 def test_no_more_is_held_than_a_set(counts, monkeypatch):
