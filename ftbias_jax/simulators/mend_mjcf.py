@@ -58,10 +58,12 @@ def mend_mjcf(setup: Setup, scene: Mjcf, output: str) -> Mended:
         place = texts.body(body)
         assert place is not None  # or it would not be among them
         _write_inertial(scene, *place, body, part)
+    of_site = _mend_site(texts, physics)
+    mounts = [name for name in ("mount_translation", "mount_rotation") if name in setup.effects] or ["mount_rotation"]
     for name, done in {
         "tool": of_tool,
         "tool_flexibility": of_springs,
-        "mount_rotation": _mend_site(texts, physics),
+        **dict.fromkeys(mounts, of_site),
         "gravity_tilt": _mend_gravity(texts, physics),
         "encoder_offset": _mend_joints(texts, physics),
         "cable": _mend_cable(texts, physics),

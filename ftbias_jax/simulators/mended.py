@@ -25,6 +25,7 @@ OF_THE_ROBOT = (
     "tool_com",
     "tool_inertia",
     "gravity_tilt",
+    "mount_translation",
     "mount_rotation",
     "encoder_offset",
     "cable",
@@ -59,7 +60,7 @@ class Physics(NamedTuple):
     sensor_rotation: Array
     """(3, 3) its true axes there."""
     sensor_position: Array
-    """(3,) m, flange frame."""
+    """(3,) m, its true origin there."""
     offsets: Array
     """(n,) rad: recorded minus true angle of each joint."""
     cable: Mapping[str, Array] | None
@@ -85,7 +86,10 @@ def physics_of(setup: Setup) -> Physics:
     moved = transform(nowhere, of_robot, catalogue)
     theta: Array = np.asarray(moved.model.theta)
     mass, center, inertia = about_center_of_mass(theta)
-    turn = np.asarray(of_robot["mount_rotation"]["rotation"]) if "mount_rotation" in of_robot else np.zeros(3)
+    shift, turn = (
+        np.asarray(of_robot[name][key]) if name in of_robot else np.zeros(3)
+        for name, key in (("mount_translation", "translation"), ("mount_rotation", "rotation"))
+    )
     cable, flexibility = (
         {key: np.asarray(x) for key, x in of_robot[name].items()} if name in of_robot else None
         for name in ("cable", "tool_flexibility")
@@ -95,7 +99,7 @@ def physics_of(setup: Setup) -> Physics:
         gravity=np.asarray(moved.model.gravity),
         sensor_believed=setup.sensor.rotation,
         sensor_rotation=setup.sensor.rotation @ rotation_from_vector(turn),
-        sensor_position=setup.sensor.translation,
+        sensor_position=setup.sensor.translation + setup.sensor.rotation @ shift,
         offsets=-np.asarray(moved.q)[0],
         cable=cable,
         flexibility=flexibility,

@@ -34,6 +34,17 @@ def mount_rotation(values: EffectValues, signals: Signals, wrench: Array) -> Arr
     return (wrench.reshape(-1, 2, 3) @ rotation_from_vector(values["rotation"])).reshape(-1, 6)
 
 
+def mount_translation(values: EffectValues, signals: Signals, wrench: Array) -> Array:
+    """The sensor's origin is off the nominal one by d, sensor axes, so the tool moves on another path."""
+    path, theta = signals.path, signals.model.theta
+    arm = signals.in_base(jnp.broadcast_to(values["translation"], path.velocity.shape))
+    turning = path.angular_velocity
+    further = jnp.cross(path.angular_acceleration, arm) + jnp.cross(turning, jnp.cross(turning, arm))
+    further = signals.in_sensor(further)
+    torque = jnp.cross(jnp.broadcast_to(theta[1:4], further.shape), further)
+    return wrench + jnp.concatenate([theta[0] * further, torque], 1)
+
+
 def tool_turns(values: EffectValues, signals: Signals) -> Signals:
     """The tool as it is in the nominal axes: the stated one if it stays, turned by r if it is bolted to the sensor."""
     rotation, model = rotation_from_vector(values["tool_turns"] * values["rotation"]), signals.model
@@ -91,6 +102,37 @@ EFFECTS = (
 )
 
 MOUNTING = (
+    Effect(
+        "mount_translation",
+        "kinematics",
+        (
+            Parameter(
+                "translation",
+                "m",
+                "from the nominal to the true origin of the sensor, sensor axes",
+                (3,),
+                -1,
+                1,
+                0,
+                0.02,
+            ),
+        ),
+        "the sensor's origin is not where the setup says",
+        "measure where the sensor sits on the flange and correct sensor.translation in the setup",
+        reading=mount_translation,
+        fit=Fitting(Linear()),
+        twins=(
+            Twin("none", False, "turn the wrist fast: at rest nobody sees where the origin is"),
+            Twin(
+                "tool_com",
+                False,
+                "turn the wrist slowly, too: a wrong centre of mass shows in the torque of its weight",
+            ),
+        ),
+        statement=distance(
+            "the sensor sits {value} from where the setup puts it, mostly along {axis}", "translation", "mm", 1e3
+        ),
+    ),
     Effect(
         "mount_rotation",
         "kinematics",
