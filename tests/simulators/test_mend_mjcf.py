@@ -23,7 +23,7 @@ EFFECTS = {
     "tool_com": {"center_of_mass": [0.02, 0.01, 0.05]},
     "tool_inertia": {"inertia": [0.003, 1e-4, 0.0, 0.0025, 2e-4, 0.002]},
     "gravity_tilt": {"gravity": [0.1, -0.2, -9.8]},
-    "mount_translation": {"translation": [0.01, -0.02, 0.04]},
+    "mount_translation": {"translation": [0.003, -0.002, 0.005]},
     "mount_rotation": {"rotation": [0.02, -0.03, 0.05]},
     "encoder_offset": {"joint": 4, "offset": 0.03},
     "cable": {"stiffness": 20.0, "rest_length": 0.1, "anchor": [0.3, 0.1, 0.9], "attachment": [0.0, 0.0, 0.05]},

@@ -29,20 +29,16 @@ def subtract_offsets(offsets: Array, signals: Signals) -> Signals:
     return signals._replace(q=signals.q - offsets[None], motion=None)
 
 
+def mount_translation(values: EffectValues, signals: Signals) -> Signals:
+    """The sensor's origin is off the nominal one by d, sensor axes, and the tool with it."""
+    arm = signals.model.arm
+    moved = arm._replace(zero_position=arm.zero_position + arm.zero_rotation @ values["translation"])
+    return signals._replace(model=signals.model._replace(arm=moved), motion=None)
+
+
 def mount_rotation(values: EffectValues, signals: Signals, wrench: Array) -> Array:
     """The sensor's axes are the nominal ones turned by the rotation vector r: reading = exp([r])^T W."""
     return (wrench.reshape(-1, 2, 3) @ rotation_from_vector(values["rotation"])).reshape(-1, 6)
-
-
-def mount_translation(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """The sensor's origin is off the nominal one by d, sensor axes, so the tool moves on another path."""
-    path, theta = signals.path, signals.model.theta
-    arm = signals.in_base(jnp.broadcast_to(values["translation"], path.velocity.shape))
-    turning = path.angular_velocity
-    further = jnp.cross(path.angular_acceleration, arm) + jnp.cross(turning, jnp.cross(turning, arm))
-    further = signals.in_sensor(further)
-    torque = jnp.cross(jnp.broadcast_to(theta[1:4], further.shape), further)
-    return wrench + jnp.concatenate([theta[0] * further, torque], 1)
 
 
 def tool_turns(values: EffectValues, signals: Signals) -> Signals:
@@ -99,9 +95,6 @@ EFFECTS = (
         ),
         statement=amount("joint {joint:.0f} reads {value} deg too {sign}", "offset", DEGREES, ("much", "little")),
     ),
-)
-
-MOUNTING = (
     Effect(
         "mount_translation",
         "kinematics",
@@ -119,7 +112,7 @@ MOUNTING = (
         ),
         "the sensor's origin is not where the setup says",
         "measure where the sensor sits on the flange and correct sensor.translation in the setup",
-        reading=mount_translation,
+        transform=mount_translation,
         fit=Fitting(Linear()),
         twins=(
             Twin("none", False, "turn the wrist fast: at rest nobody sees where the origin is"),
@@ -133,6 +126,9 @@ MOUNTING = (
             "the sensor sits {value} from where the setup puts it, mostly along {axis}", "translation", "mm", 1e3
         ),
     ),
+)
+
+MOUNTING = (
     Effect(
         "mount_rotation",
         "kinematics",
