@@ -48,6 +48,18 @@ def test_a_wrong_mass_is_named_measured_and_removed(setup, record):
 
 
 @pytest.mark.slow
+def test_a_sensor_that_sits_elsewhere_on_the_flange_is_named_and_measured(setup, record):
+    """As in a setup that nobody has completed, which has it at the flange's origin."""
+    place = np.array([0.01, 0.0, 0.04])
+    diagnosis = diagnose(setup, [record({"mount_translation": {"translation": jnp.array(place)}})], ["elsewhere"])
+    assert diagnosis.verdict == "explained"
+    (cause,) = diagnosis.causes
+    assert cause.effect == "mount_translation"
+    assert (np.abs(cause.parameters["translation"] - place) < 3 * np.asarray(cause.stderr["translation"])).all()
+    assert np.linalg.norm(cause.stderr["translation"]) < 0.2 * np.linalg.norm(place)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("stated", [{}, {"low_pass": {"cutoff": 0.4}}])
 def test_what_a_lag_remembers_of_the_time_before_the_log_is_no_cause(setup, record, stated):
     log = record({"low_pass": {"cutoff": jnp.array(0.4)}})

@@ -25,7 +25,11 @@ def test_an_arm_shows_everything():
 def test_effects_of_joints_and_of_accelerations_are_not_shown_by_an_orientation():
     turning, moving = (pose_setup(linear=linear) for linear in ("none", "position"))
     assert set(not_shown(moving)) == {"encoder_offset", "cable"}
-    assert set(not_shown(turning)) - set(not_shown(moving)) == {"tool_flexibility", "tool_inertia"}
+    assert set(not_shown(turning)) - set(not_shown(moving)) == {
+        "tool_flexibility",
+        "tool_inertia",
+        "mount_translation",
+    }
     check_shown({"gain": {}, "tool_flexibility": {}}, moving)
     own = CATALOGUE["gain"]._replace(name="friction", needs_motion="joints")
     assert "friction" in not_shown(moving.with_effects([own]))

@@ -113,6 +113,8 @@ EFFECTS = (
         "the sensor's origin is not where the setup says",
         "measure where the sensor sits on the flange and correct sensor.translation in the setup",
         transform=mount_translation,
+        # Arms that turn the sensor swing it as well: what is not recorded of that reads as another place.
+        needs_motion="acceleration",
         fit=Fitting(Linear()),
         twins=(
             Twin("none", False, "turn the wrist fast: at rest nobody sees where the origin is"),
