@@ -1,10 +1,12 @@
 """Effects of the kinematics stage: gravity, mounting or joint angles are not what the setup and the encoders say."""
 
+from functools import partial
+
 import jax.numpy as jnp
 
 from ftbias_jax.model.effects.fitting import ByJoint, Fitting, Linear
 from ftbias_jax.model.effects.statements import DEGREES, amount, angle, distance
-from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin, within
+from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin, motion_of, within
 from ftbias_jax.model.kinematics.screws import rotation_from_vector
 from ftbias_jax.model.wrench.inertia import turned
 from ftbias_jax.types import Array
@@ -31,9 +33,19 @@ def subtract_offsets(offsets: Array, signals: Signals) -> Signals:
 
 def mount_translation(values: EffectValues, signals: Signals) -> Signals:
     """The sensor's origin is off the nominal one by d, sensor axes, and the tool with it."""
-    arm = signals.model.arm
-    moved = arm._replace(zero_position=arm.zero_position + arm.zero_rotation @ values["translation"])
-    return signals._replace(model=signals.model._replace(arm=moved), motion=None)
+    arm, moving, d = signals.model.arm, motion_of(signals), values["translation"]
+    arm = arm._replace(zero_position=arm.zero_position + arm.zero_rotation @ d)
+    lever = jnp.einsum("ijt,j->it", moving.sensor_rotation, d)
+    cross = partial(jnp.cross, axis=0)
+    turning = cross(moving.angular_velocity, lever)
+    moving = moving._replace(
+        sensor_position=moving.sensor_position + lever,
+        velocity=moving.velocity + turning,
+        acceleration=moving.acceleration
+        + cross(moving.angular_acceleration, lever)
+        + cross(moving.angular_velocity, turning),
+    )
+    return signals._replace(model=signals.model._replace(arm=arm), motion=moving)
 
 
 def mount_rotation(values: EffectValues, signals: Signals, wrench: Array) -> Array:
