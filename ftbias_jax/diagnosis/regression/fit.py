@@ -50,6 +50,11 @@ class Fit(NamedTuple):
         """Free numbers."""
         return self.columns.size
 
+    def of_series(self) -> np.ndarray:
+        """(U, 6) N, Nm, or zeros (1, 6): what its linear series add to the reading; its coordinates do the rest."""
+        shapes = [shape[:, None] for h in self.hypotheses for shape in h.shapes]
+        return np.hstack(shapes) @ self.coefficients.reshape(-1, 6) if shapes else np.zeros((1, 6))
+
     def beside(self, h: Hypothesis) -> tuple[Hypothesis, ...]:
         """The other hypotheses."""
         return tuple(other for other in self.hypotheses if other is not h)

@@ -77,10 +77,7 @@ def where(problem: Problem, held: HeldOut, stages: tuple[str, ...]) -> Where:
 def show(problem: Problem, base: Fit, accepted: Fit, before: HeldOut, after: HeldOut) -> tuple[Series, ...]:
     """Coarse means of the innovations of each log, and what the causes change in the reading."""
     without, with_causes = readings(problem, np.stack([base.z, accepted.z]))
-    change = with_causes - without
-    shapes = [shape for h in accepted.hypotheses for shape in h.shapes]
-    for shape, coefficients in zip(shapes, accepted.coefficients.reshape(-1, 6), strict=True):
-        change = change + shape[:, None] * coefficients
+    change = with_causes - without + accepted.of_series()
     # A constant change is no regressor: the channel that changes most.
     channel = int((change / problem.noise_std).var(0).argmax())
     first, last = (held.error * np.sqrt(problem.variance) for held in (before, after))

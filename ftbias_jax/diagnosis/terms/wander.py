@@ -75,7 +75,7 @@ def wander_of(problem: Problem, found: Fit) -> Wander | None:
 def _left(problem: Problem, found: Fit) -> list[np.ndarray]:
     """What a fit leaves of each log, (U, 6) N, Nm: bias and noise; NaN = not measured."""
     ends = np.cumsum([part.used for part in problem.parts])[:-1]
-    predicted = np.split(readings(problem, found.z[None])[0], ends)
+    predicted = np.split(readings(problem, found.z[None])[0] + found.of_series(), ends)
     pairs = zip(problem.parts, predicted, strict=True)
     return [reading - np.asarray(part.wrench.wrench)[: part.used] for part, reading in pairs]
 

@@ -59,6 +59,18 @@ def test_what_comes_back_is_no_bias_that_wanders(setup, record, follows):
     assert wander_of(problem, base(problem)) is None
 
 
+@pytest.mark.slow
+def test_a_bias_that_follows_the_temperature_is_no_bias_that_wanders(setup, record):
+    """However the temperature goes, and though the bias is not quite linear in it."""
+    log = record(None)
+    course = wandering(np.random.default_rng(7), np.asarray(log.t), np.ones(6))[:, 0]
+    course = (course - course.mean()) / course.std()
+    added = setup.sensor.noise_std * (20 * course + 0.5 * course**2)[:, None]
+    found = diagnose(setup, log._replace(wrench=log.wrench + added, temperature=30 + 3 * course))
+    assert [cause.effect for cause in found.causes] == ["temperature_drift"]
+    assert "wander" not in [term.form for term in found.terms]
+
+
 def test_a_bias_as_stated_is_no_finding(setup, record):
     problem, _ = make_problem(setup, [record(None)])
     assert wander_of(problem, base(problem)) is None
