@@ -67,7 +67,7 @@ class KeptProgram:
 
     def _program(self, leaves: list[Any], tree: Any, static: dict[str, Any]) -> Callable[..., Any]:
         shapes = tuple((np.shape(leaf), np.dtype(getattr(leaf, "dtype", type(leaf)))) for leaf in leaves)
-        key = (tree, shapes, tuple(static.items()), is_wide(), _level.get())
+        key = (tree, shapes, tuple(static.items()), is_wide(), _level.get(), on_cpu())
         with self._lock:
             mine = key not in self._ready
             ready = self._ready.setdefault(key, Future())

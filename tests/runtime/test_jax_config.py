@@ -1,13 +1,17 @@
 import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
+import jax
 import pytest
 
 from ftbias_jax.runtime import jax_config
-from ftbias_jax.runtime.jax_config import cache_folder, prepare_jax
+from ftbias_jax.runtime.compiled_loops import on_cpu
+from ftbias_jax.runtime.jax_config import accelerator, cache_folder, in_float64, prepare_jax, same_precision
 
 CACHE = "jax_compilation_cache_dir"
+ALWAYS = {"jax_enable_x64": True, "jax_platforms": "cpu"}
 
 
 @pytest.fixture
@@ -21,7 +25,8 @@ def updates(monkeypatch):
         jax_enable_compilation_cache=True,
     )
     monkeypatch.setattr(jax_config, "jax", SimpleNamespace(config=config, devices=list))
-    monkeypatch.delenv("FTBIAS_CACHE", raising=False)
+    for name in ("FTBIAS_CACHE", "JAX_PLATFORMS"):
+        monkeypatch.delenv(name, raising=False)
     return made
 
 
@@ -43,11 +48,41 @@ def test_double_precision_and_a_cache_are_set(tmp_path, monkeypatch, updates):
     assert updates["jax_persistent_cache_min_compile_time_secs"] == jax_config.MIN_COMPILE_SECONDS
 
 
+@pytest.mark.parametrize("device", ["cuda,cpu", "cpu"])
+def test_a_device_that_the_environment_names_stays(monkeypatch, updates, device):
+    monkeypatch.setenv("FTBIAS_CACHE", "off")
+    monkeypatch.setenv("JAX_PLATFORMS", device)
+    prepare_jax()
+    assert updates == {"jax_enable_x64": True}
+
+
+@pytest.mark.parametrize("chosen", [False, True])
+def test_where_jax_has_an_accelerator_a_verb_computes_there_only_if_it_is_told_to(monkeypatch, chosen):
+    monkeypatch.setattr(jax_config, "on_cpu", lambda: False)
+    monkeypatch.setattr(jax_config, "_is_chosen", lambda: chosen)
+    processor = jax.devices("cpu")[0]
+    told = in_float64(lambda: jax.config.jax_default_device)
+    assert told() is (None if chosen else processor)
+    in_thread = in_float64(lambda: same_precision(lambda: jax.config.jax_default_device))()
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(in_thread).result() is told()
+
+
+def test_the_processor_is_known_by_what_was_chosen():
+    assert on_cpu()
+    with jax.default_device("cpu"):
+        assert on_cpu()
+        assert accelerator() is None
+    with jax.default_device("gpu"):
+        assert not on_cpu()
+        assert accelerator() == "gpu"
+
+
 def test_where_no_folder_can_be_made_there_is_no_cache(tmp_path, monkeypatch, updates):
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     prepare_jax()
-    assert updates == {"jax_enable_x64": True}
+    assert updates == ALWAYS
 
 
 @pytest.mark.parametrize("word", ["off", "OFF"])
@@ -55,7 +90,7 @@ def test_the_cache_can_be_switched_off(tmp_path, monkeypatch, updates, word):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("FTBIAS_CACHE", word)
     prepare_jax()
-    assert updates == {"jax_enable_x64": True}
+    assert updates == ALWAYS
     assert list(tmp_path.iterdir()) == []
 
 
@@ -65,7 +100,7 @@ def test_what_jax_was_told_about_its_cache_stays(tmp_path, monkeypatch, updates,
     for name, value in decided.items():
         monkeypatch.setattr(jax_config.jax.config, name, value)
     prepare_jax()
-    assert updates == {"jax_enable_x64": True}
+    assert updates == ALWAYS
 
 
 def _make_sparse(path):
@@ -85,4 +120,4 @@ def test_a_cache_with_what_is_no_program_is_not_used(tmp_path, monkeypatch, upda
     updates.clear()
     spoil(folder / "jit_odd")
     prepare_jax()
-    assert updates == {"jax_enable_x64": True}
+    assert updates == ALWAYS
