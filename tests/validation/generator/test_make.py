@@ -71,8 +71,10 @@ def test_the_maker_shares_nothing_with_the_package(path):
 
 
 def test_the_two_catalogues_have_the_same_names():
-    # The generator draws a clock that drifts as a form of time_delay.
-    assert set(catalogue.LISTED) == set(CATALOGUE) - {"clock_drift"} == set(labels._CONVERSIONS)
+    # The generator draws a clock that drifts as a form of time_delay. A sensor that sits elsewhere would change what
+    # the seeds of all kept results draw; MuJoCo reads the same of it in test_mend_mjcf.
+    drawn = set(CATALOGUE) - {"clock_drift", "mount_translation"}
+    assert set(catalogue.LISTED) == drawn == set(labels._CONVERSIONS)
     assert not set(catalogue.UNLISTED) & set(CATALOGUE)
 
 
