@@ -23,32 +23,21 @@ import common
 import jax
 import jax.numpy as jnp
 import numpy as np
+from made_logs import PARAMS, RATE, cast, make_logs
 
 import ftbias_jax as ft
 from ftbias_jax.filtering import likelihood, pipeline
 
-RATE, LENGTH, FEW, ROUNDS = 1e-3, 4096, 64, 3
+LENGTH, FEW, ROUNDS = 4096, 64, 3
 COUNTS = {"cpu": (FEW,), "cuda": (FEW, 1000, 4000)}
 """Logs; a core takes one after the other."""
 MOST = {"method": 1000}
-"""Logs beyond which a contestant takes more memory than there is, or does not compile in minutes."""
+"""Logs beyond which a contestant is not tried."""
 LOGS, SECONDS, DIFFERENT = 300, 10.0, 20
 OPTIONS = pipeline.DEFAULT_OPTIONS
-PARAMS = common.PARAMS._replace(joint=common.PARAMS.joint._replace(process_density=jnp.full(7, 30.0)))
 LAYOUT = ft.layout_of(np.r_[0.0, np.full(LENGTH - 1, RATE)])
 TIME_LIMIT = 1200
 """s; what a device has not done by then is left out."""
-
-
-def cast(tree, dtype):
-    return jax.tree.map(lambda x: x.astype(dtype), tree)
-
-
-def make_logs():
-    t = RATE * jnp.arange(LENGTH)
-    motions = jax.tree.map(lambda *x: jnp.stack(x), *(common.sines(seed, t) for seed in range(FEW)))
-    samples = common.simulate_logs(0, FEW, PARAMS, motions)[1]
-    return samples._replace(dt=jnp.full((FEW, LENGTH), RATE).at[:, 0].set(0.0))
 
 
 def bias_of(params, samples):
@@ -120,7 +109,7 @@ def of_verb(logs):
 
 def of_device():
     """All that one device does; what is done is in a file, whatever comes after."""
-    found, made = {"device": jax.devices()[0].device_kind}, make_logs()
+    found, made = {"device": jax.devices()[0].device_kind}, make_logs(FEW, LENGTH)
 
     def note(key, function, *arguments):
         try:

@@ -14,22 +14,14 @@ import common
 import jax
 import jax.numpy as jnp
 import numpy as np
+from made_logs import PARAMS, make_log
 
 from ftbias_jax.filtering import likelihood, pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.model.wrench.tool_wrench import DataNoise, data_variance
 
-RATE, LENGTH, ROUNDS = 1e-3, 60_000, 7
-PARAMS = common.PARAMS._replace(joint=common.PARAMS.joint._replace(process_density=jnp.full(7, 30.0)))
+LENGTH, ROUNDS = 60_000, 7
 GATED = pipeline.DEFAULT_OPTIONS._replace(gate=6.0)
-
-
-def make_log():
-    t = RATE * jnp.arange(LENGTH)
-    motion = jax.tree.map(lambda x: x[None], common.sines(0, t))
-    _, samples = common.simulate_logs(0, 1, PARAMS, motion)
-    samples = jax.tree.map(lambda x: x[0], samples)
-    return samples._replace(dt=jnp.full(LENGTH, RATE).at[0].set(0.0))
 
 
 def variants():
@@ -80,7 +72,7 @@ def compiled(function, params, samples, options):
 
 
 def main():
-    samples = make_log()
+    samples = make_log(LENGTH)
     programs = {}
     for name, (params, options) in variants().items():
         for kind, function in (("filter", whole), ("likelihood", score)):

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import loop
 import numpy as np
 import others
+from made_logs import PARAMS, RATE, cast, make_log, make_logs
 
 from ftbias_jax.filtering import bias_filter, likelihood, pipeline
 from ftbias_jax.filtering.fast import stages
@@ -27,23 +28,10 @@ from ftbias_jax.filtering.fast.scan import filter_scan
 from ftbias_jax.filtering.process_models import bias_drift_noise, drift_noise
 from ftbias_jax.types import Sample
 
-RATE = 1e-3  # s
 LENGTH, LOGS, LOG_LENGTH, SLOW_LENGTH, CHUNK = 60_000, 64, 4096, 2000, 1 << 14
 SIZES = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)
 ROUNDS = 5
 OPTIONS = pipeline.DEFAULT_OPTIONS
-PARAMS = common.PARAMS._replace(joint=common.PARAMS.joint._replace(process_density=jnp.full(7, 30.0)))
-
-
-def make_logs(count, length):
-    t = RATE * jnp.arange(length)
-    motions = [common.sines(seed, t) for seed in range(count)]
-    _, samples = common.simulate_logs(0, count, PARAMS, jax.tree.map(lambda *x: jnp.stack(x), *motions))
-    return samples._replace(dt=jnp.full((count, length), RATE).at[:, 0].set(0.0))
-
-
-def cast(tree, dtype):
-    return jax.tree.map(lambda x: x.astype(dtype), tree)
 
 
 def whole(params, samples):
@@ -112,7 +100,7 @@ def cpu_seconds(function):
 
 def compare():
     logs = make_logs(LOGS, LOG_LENGTH)
-    log = jax.tree.map(lambda x: x[0], make_logs(1, LENGTH))
+    log = make_log(LENGTH)
     y = jnp.asarray(stages.run(PARAMS, pipeline.init(PARAMS, log), log, OPTIONS)[1].wrench_tool - log.wrench)
     contestants, compile_seconds, absent, agreement = {}, {}, {}, {}
 
@@ -194,7 +182,7 @@ def difference(found, expected):
 
 def in_chunks(size):
     """CPU seconds and peak memory of filtering a long log that is never in memory as a whole."""
-    source = jax.tree.map(lambda x: np.asarray(x[0]), make_logs(1, CHUNK))
+    source = jax.tree.map(np.asarray, make_log(CHUNK))
     length = min(CHUNK, size)
     state = pipeline.init(PARAMS, jax.tree.map(jnp.asarray, source))
 
