@@ -66,7 +66,7 @@ class KeptProgram:
         return self._program(*jax.tree.flatten(arguments), static)
 
     def _program(self, leaves: list[Any], tree: Any, static: dict[str, Any]) -> Callable[..., Any]:
-        shapes = tuple((np.shape(leaf), np.dtype(getattr(leaf, "dtype", type(leaf)))) for leaf in leaves)
+        shapes = shapes_of(leaves)
         key = (tree, shapes, tuple(static.items()), is_wide(), _level.get(), on_cpu())
         with self._lock:
             mine = key not in self._ready
@@ -145,6 +145,11 @@ def compiled_for_few_calls(samples: int = 0) -> Iterator[None]:
         yield
     finally:
         _level.reset(before)
+
+
+def shapes_of(leaves: list[Any]) -> tuple[tuple[tuple[int, ...], np.dtype], ...]:
+    """Shape and precision of arrays or numbers, by which programs differ."""
+    return tuple((np.shape(leaf), np.dtype(getattr(leaf, "dtype", type(leaf)))) for leaf in leaves)
 
 
 def keep_program(*static: str) -> Callable[[Callable[..., Any]], KeptProgram]:

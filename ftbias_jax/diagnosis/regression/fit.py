@@ -60,6 +60,12 @@ class Fit(NamedTuple):
         return tuple(other for other in self.hypotheses if other is not h)
 
 
+def predicted(problem: Problem, found: Fit) -> np.ndarray:
+    """(U, 6) N, Nm: the mean readings by a fit, but for bias and noise."""
+    whole: np.ndarray = readings(problem, found.z[None])[0] + found.of_series()
+    return whole
+
+
 def base(problem: Problem) -> Fit:
     """The nominal model."""
     nothing = Columns(*np.zeros((2, 0, len(problem.t), 6)))
@@ -149,9 +155,9 @@ def _errors(problem: Problem, z: np.ndarray) -> np.ndarray:
 
     All NaN for a prediction that is no number, which would count as missing and look perfect.
     """
-    predicted = readings(problem, z)
-    sound = np.isfinite(predicted).all((1, 2))
-    error = whitened(problem, np.where(sound[:, None, None], predicted, 0) - np.nan_to_num(measured(problem)))
+    made = readings(problem, z)
+    sound = np.isfinite(made).all((1, 2))
+    error = whitened(problem, np.where(sound[:, None, None], made, 0) - np.nan_to_num(measured(problem)))
     error[~sound] = np.nan
     return error
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.evaluate import measured, readings
-from ftbias_jax.diagnosis.regression.fit import Fit
+from ftbias_jax.diagnosis.regression.evaluate import measured
+from ftbias_jax.diagnosis.regression.fit import Fit, predicted
 from ftbias_jax.diagnosis.samples.bins import sum_of_bins
 from ftbias_jax.diagnosis.thresholds import HANDOVER, MOST_TIMES
 from ftbias_jax.model.effects.terms.types import State
@@ -49,7 +49,7 @@ def switches(problem: Problem, state: State, fit: Fit, names: Collection[str]) -
     if len(problem.parts) > 1:
         return
     known = problem.samples > 0
-    left = np.where(known, measured(problem) - readings(problem, fit.z[None])[0] - fit.of_series(), 0.0)
+    left = np.where(known, measured(problem) - predicted(problem, fit), 0.0)
     told: set[tuple[str, tuple[float, ...]]] = set()
     for seen in _ways(state, left, np.where(known, 1 / problem.variance, 0.0)):
         wanted = [name for name in (seen.name, *seen.suggests) if name in names]

@@ -12,8 +12,7 @@ import numpy as np
 from ftbias_jax.diagnosis import thresholds
 from ftbias_jax.diagnosis.evidence.gap import Judge
 from ftbias_jax.diagnosis.problem import Part, Problem
-from ftbias_jax.diagnosis.regression.evaluate import readings
-from ftbias_jax.diagnosis.regression.fit import Fit, base, fit
+from ftbias_jax.diagnosis.regression.fit import Fit, base, fit, predicted
 from ftbias_jax.diagnosis.regression.whitening import recursion
 from ftbias_jax.diagnosis.result import WANDER, FoundTerm
 from ftbias_jax.diagnosis.terms.select import Search
@@ -75,8 +74,7 @@ def wander_of(problem: Problem, found: Fit) -> Wander | None:
 def _left(problem: Problem, found: Fit) -> list[np.ndarray]:
     """What a fit leaves of each log, (U, 6) N, Nm: bias and noise; NaN = not measured."""
     ends = np.cumsum([part.used for part in problem.parts])[:-1]
-    predicted = np.split(readings(problem, found.z[None])[0] + found.of_series(), ends)
-    pairs = zip(problem.parts, predicted, strict=True)
+    pairs = zip(problem.parts, np.split(predicted(problem, found), ends), strict=True)
     return [reading - np.asarray(part.wrench.wrench)[: part.used] for part, reading in pairs]
 
 

@@ -1,6 +1,6 @@
 """A recorded log filtered from its setup: the arrays of the method, back at the stamps of the wrench."""
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from ftbias_jax.filtering.method.by_parts import filter_parts
 from ftbias_jax.filtering.method.filter_samples import AS_STATED, METHOD
-from ftbias_jax.filtering.method.runs import Found, Run, Steps, alone
+from ftbias_jax.filtering.method.runs import Run, Steps, alone
 from ftbias_jax.filtering.method.work import Infos, States
 from ftbias_jax.filtering.noise.blocks import layout_of
 from ftbias_jax.filtering.noise.contact import Contact, in_contact
@@ -66,23 +66,23 @@ def ready_to_filter(
     params = params._replace(joint=no_less_than_shown(params.joint, samples)) if adapt else params
     layout = layout_of(samples.dt)
 
-    def run(method: tuple[str, ...]) -> Generator[Run, Found, Found]:
-        return (yield Run(params, samples, options, method, layout))
+    def run(method: tuple[str, ...]) -> Run:
+        return Run(params, samples, options, method, layout)
 
     last = ("smooth_bias",) if smooth and adapt else ()
-    taken, states, infos = yield from run((*method, *last))
+    taken, states, infos = yield run((*method, *last))
     if infos.noise is None:
         noise = nothing()
     else:
         noise = told(infos.noise, layout, slow_is_stated=slow)
         if max(infos.kept_out, infos.kept_out_at_first) > 1 - LEAST_USED:
-            again = yield from run((*method[:-1], "begin_at_median", "filter_bias", *last))
+            again = yield run((*method[:-1], "begin_at_median", "filter_bias", *last))
             if better := again[2].kept_out < infos.kept_out:
                 taken, states, infos = again
             kept_out = float(infos.kept_out) if infos.kept_out > 1 - LEAST_USED else 0.0
             noise = noise._replace(begun_again=bool(better), kept_out=kept_out)
     if smooth and not adapt:  # smoothed joints have no lag, so their process noise is not guarded
-        _, smoothed, _ = yield from run((*first, "smooth_joints", "filter_bias", "smooth_bias"))
+        _, smoothed, _ = yield run((*first, "smooth_joints", "filter_bias", "smooth_bias"))
         states = states._replace(bias_smooth=smoothed.bias_smooth, bias_smooth_std=smoothed.bias_smooth_std)
     noise = noise._replace(contacts=in_log_time(noise.contacts, samples.dt, log.t))
     return Ready(as_stated(taken), noise, [result_of(log, states, infos, noise.contacts if adapt else None)])

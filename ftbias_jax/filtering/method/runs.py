@@ -9,7 +9,6 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.errors import FtbiasError
@@ -18,6 +17,7 @@ from ftbias_jax.filtering.method.work import Infos, States
 from ftbias_jax.filtering.noise.blocks import Layout
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.model.params import Params
+from ftbias_jax.runtime.kept_programs import shapes_of
 from ftbias_jax.types import Sample
 
 SET_SAMPLES = 1 << 20
@@ -44,7 +44,7 @@ class Run(NamedTuple):
         """Equal for runs that one program can do together."""
         leaves, tree = jax.tree.flatten((self.params, self.samples))
         method = method_for(self.samples, self.method, self.layout)
-        return tree, tuple((np.shape(x), jnp.result_type(x)) for x in leaves), self.options, method, self.layout
+        return tree, shapes_of(leaves), self.options, method, self.layout
 
 
 def alone(steps: Steps[Result]) -> Result:

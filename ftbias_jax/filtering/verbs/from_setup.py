@@ -69,14 +69,15 @@ def filter_log(
 
     The joints are smoothed, for a recording has their future too. Contact, vibration and slow errors are taken from the
     log where the setup leaves them open (``[bias] adapt = false`` does not), and standard deviations that the log
-    contradicts are enlarged. Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's
-    cache folder (``FTBIAS_CACHE=off`` does not).
+    contradicts are enlarged. Computes in float64 whatever JAX's setting is, on the processor unless JAX is told to use
+    another device, and keeps compiled programs in the user's cache folder (``FTBIAS_CACHE=off`` does not).
 
     Args:
         setup: robot, sensor, tool and noise, or its path. A tool of unknown mass is part of the bias, if the log does
             not turn it.
         log: what ``read_log`` gives, or its path. Or many of them, in a list or from a generator, which are taken one
-            at a time: logs of all lengths share a few compiled programs, and each result is that of the log alone.
+            at a time, on an accelerator in sets: logs of all lengths share a few compiled programs, and each result is
+            that of the log alone.
         smooth: add the bias given past and future.
         as_stated: as a filter on the robot would: joints from the past alone, noise and gate as the setup states. The
             joints' process noise is then LAG_GUARD times the likeliest.
