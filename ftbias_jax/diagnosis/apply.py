@@ -26,7 +26,8 @@ def setup_with_causes(diagnosis: Diagnosis, setup: Setup) -> Setup:
 def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm] = ()) -> Setup:
     """The setup with the causes and terms among its effects, but for those that ``refused`` names.
 
-    What the setup states of the tool with a standard error, as a draft does, is replaced where it stands.
+    The sensor's noise is replaced where it stands, and so is what the setup states of the tool with a standard error,
+    as a draft does.
 
     Args:
         setup: of the diagnosis.
@@ -34,8 +35,10 @@ def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[Found
         terms: come after those that the setup has; a bias that wanders changes what it states of the bias.
     """
     from ftbias_jax.model.effects.terms.parse import TERM
+    from ftbias_jax.model.params import NOISE_LEVEL, with_noise_as_known
 
     causes = [cause for cause in causes if not _refusal(setup, {cause.effect: cause.parameters})]
+    setup = with_noise_as_known(setup)  # by which the one that was found was measured
     setup, causes = _with_tool(setup, causes)
     setup = _with_wander(setup, terms)
     sections = [term.section for term in _of_effects(terms) if not _refusal(setup, {TERM: [term.section]})]
@@ -43,11 +46,13 @@ def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[Found
     if sections:
         effects[TERM] = [*effects.get(TERM, ()), *sections]
     comments = {
-        f"effects.{cause.effect}.{name}": f"ftbias diagnose: {words}"
+        "sensor.noise_std"
+        if cause.effect == NOISE_LEVEL
+        else f"effects.{cause.effect}.{name}": f"ftbias diagnose: {words}"
         for cause in causes
         for name, words in parameter_words(cause)
     }
-    return replace(setup, effects=effects, comments={**setup.comments, **comments})
+    return with_noise_as_known(replace(setup, effects=effects, comments={**setup.comments, **comments}))
 
 
 def _with_tool(setup: Setup, causes: Sequence[Candidate]) -> tuple[Setup, list[Candidate]]:

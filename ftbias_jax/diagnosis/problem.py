@@ -31,7 +31,7 @@ from ftbias_jax.model.effects.types import Model, Signals, Values
 from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.model.kinematics.recorded_pose import speeds_of
 from ftbias_jax.model.own_effects import catalogue_of_setup
-from ftbias_jax.model.params import Params, unknown_acceleration
+from ftbias_jax.model.params import Params, unknown_acceleration, with_noise_as_known
 from ftbias_jax.setup.types import Setup
 
 NEGLIGIBLE, POINT = 1e-6, (1.0, 0.0, 0.0, 0.05, 0.0025, 0.0, 0.0, 0.0025, 0.0, 0.0)
@@ -161,6 +161,7 @@ def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[Samp
 
     Returns the problem of the effects that change the mean reading, and what was read off each log's single samples.
     """
+    setup = with_noise_as_known(setup)
     prepared = [_prepare(setup, log) for log in logs]
     parts = tuple(part for part, *_ in prepared)
     found = tuple(found for *_, found in prepared)
@@ -209,8 +210,7 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
         scatter = scatter_at_rest(log, error, speed, variance, setup.sensor.noise_std)
         words = f"{found.level.doubt} of what scatters at rest, by {by_axis(scatter)} of noise_std (ftbias filter)"
         found = found._replace(level=found.level._replace(doubt=words))
-    # With that of accelerations that nobody recorded; an effect of the setup may make the sensor quieter than stated.
-    joint_variance = np.maximum(variance - setup.sensor.noise_std**2, 0.0)
+    joint_variance = np.maximum(variance - setup.sensor.noise_std**2, 0.0)  # with that of unseen accelerations
     noise_std, coherent = noise_on_lattice(found, setup.sensor.noise_std)
     found = found._replace(noise_std=noise_std)
     late = float(np.max(found.jitter.parameters["std"])) if found.jitter.detected else 0.0

@@ -1,5 +1,6 @@
 """Everything the filter believes about robot, tool, sensor and noise, as one differentiable bundle of arrays."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, Self
 
@@ -20,6 +21,9 @@ from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.setup.require import require_tool, with_guessed_tool
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
+
+NOISE_LEVEL = "noise_level"
+"""Effect whose noise is the sensor's own, only of another size."""
 
 
 class JointNoise(NamedTuple):
@@ -102,7 +106,9 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     Raises:
         SetupError: the setup does not state the tool's mass or centre of mass.
     """
-    setup = with_guessed_tool(require_tool(setup))  # guessed only where the reading has nothing of the tool in it
+    setup = with_noise_as_known(
+        with_guessed_tool(require_tool(setup))
+    )  # guessed only where the reading has nothing of the tool in it
     sensor, n = setup.sensor, len(setup.robot.screws)
     # What the controller has subtracted is not in the reading: all that the tool causes, or its weight alone.
     there = {name: float(sensor.compensated != name) for name in ("weight", "tool")}
@@ -137,6 +143,19 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
         effects=values_of(effects, catalogue) if effects else None, bias=params.bias._replace(**noise)
     )
     return jax.tree.map(partial(as_array, dtype=dtype), params)
+
+
+def with_noise_as_known(setup: Setup) -> Setup:
+    """The setup with its effect ``noise_level``, if it has it, in ``sensor.noise_std``, and without that effect.
+
+    Whatever is measured by the sensor's noise, such as the model's error, then goes by the noise that is there.
+    """
+    if NOISE_LEVEL not in setup.effects:
+        return setup
+    others = {name: values for name, values in setup.effects.items() if name != NOISE_LEVEL}
+    scale = values_from_setup({NOISE_LEVEL: setup.effects[NOISE_LEVEL]}, setup.path)[NOISE_LEVEL]["scale"]
+    noise_std = setup.sensor.noise_std * np.asarray(scale)
+    return replace(setup, sensor=replace(setup.sensor, noise_std=noise_std), effects=others)
 
 
 def _split_noise(values: Values, speeds: int, file: str, catalogue: Catalogue) -> tuple[Values, dict[str, Array]]:

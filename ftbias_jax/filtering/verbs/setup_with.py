@@ -9,7 +9,7 @@ import numpy as np
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.params_for_log import LAG_GUARD
 from ftbias_jax.model.kinematics.recorded_pose import speeds_of
-from ftbias_jax.model.params import Params, params_from_setup
+from ftbias_jax.model.params import Params, params_from_setup, unknown_acceleration, with_noise_as_known
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup.types import DataNoiseSetup, Setup
 from ftbias_jax.types import Array
@@ -47,6 +47,7 @@ def setup_with(setup: Setup, params: Params, *, guarded: bool = True) -> Setup:
     if guarded:
         density = np.asarray(params.joint.process_density, float) / LAG_GUARD
         params = params._replace(joint=params.joint._replace(process_density=density))
+    setup = with_noise_as_known(setup)
     stated = params_from_setup(setup)
     before, after = _fields(stated), _fields(params)
     if setup.sensor.rezeroed:  # the log has added what the tool makes its first pose read
@@ -58,8 +59,7 @@ def setup_with(setup: Setup, params: Params, *, guarded: bool = True) -> Setup:
     noise: dict[str, Any] = {name: None if after[name] is None else np.asarray(after[name], float) for name in changed}
     variance = noise.get("wrench_variance")
     if variance is not None:  # a log of poses without accelerations has the variance of these in it
-        unknown = np.asarray(stated.bias.wrench_variance) - setup.sensor.noise_std**2
-        noise["wrench_variance"] = np.sqrt(np.maximum(variance - unknown, 0))
+        noise["wrench_variance"] = np.sqrt(np.maximum(variance - unknown_acceleration(setup), 0))
     joints, bias, sensor = (
         {key: noise[name] for name, key in keys.items() if name in noise} for keys in (JOINTS, BIAS, SENSOR)
     )

@@ -115,7 +115,6 @@ EFFECTS = (
         "correct sensor.noise_std in the setup: ftbias tune",
         recording=noise_level,
         fit=Fitting(Samples(LEVEL)),
-        widen=lambda values, variance, rate: values["scale"][None] ** 2 * variance,
         twins=(
             Twin("vibration", False, "hold still for some seconds, then move: noise of another size does not change"),
         ),
