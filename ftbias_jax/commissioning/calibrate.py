@@ -46,8 +46,8 @@ LOUDEST = 3.0
 """m/s^2: no arm accelerates as much for long."""
 NEGLIGIBLE = 1e-4
 """Of errors: noise that makes them smaller by less is not tried smaller, or larger, still."""
-ROUNDS = 2
-"""Of diagnosis and identification; in recorded and simulated logs nothing changed after the second."""
+ROUNDS = 3
+"""Of diagnosis and identification; most logs show nothing more after the first."""
 
 
 class _Road(NamedTuple):
@@ -166,18 +166,18 @@ def _walked(road: _Road, setup: Setup, start: Setup) -> tuple[_State, _State]:
         state = first = _State(start, judged, (), ahead=ahead)
         if tool_first:
             state = _with_tool(state, road, (FIRST,))
-    identified = None
-    for number in range(ROUNDS):
+    identified, rest = None, (CHANNELS,) if has_tool else ()
+    for _ in range(ROUNDS):
         before = state.setup
         state = _with_causes(state, road)
-        if state.setup is identified:  # nothing has changed since the tool was looked for
-            break
-        if has_tool:
-            state = _with_tool(state, road, (TOOL,) if number else (TOOL, CHANNELS))
-        identified = state.setup
-        state = _with_noise(state, road)
-        if state.setup is before:
-            break
+        if state.setup is not identified:
+            state = _with_tool(state, road, (TOOL,) if has_tool else ())
+            identified = state.setup
+            state = _with_noise(state, road)
+        if state.setup is before:  # only now, for so many numbers stand for whatever is left
+            state, rest = _with_tool(state, road, rest), ()
+            if state.setup is before:
+                break
     return first, state
 
 
