@@ -55,7 +55,8 @@ def search_causes(
     if plain and (excluded or (_is_simple(problem, plain.accepted, least) and not _stands_for_tool(problem, plain))):
         return plain
     progress("trying causes beside a wrong tool")
-    beside = _beside_tool(problem, base, hold_out, without)
+    further = _never_measured(setup, problem, without) if drafted else ()
+    beside = _beside_tool(problem, base, hold_out, without, further)
     if plain is None:
         return beside
     left, by_plain = (gap_of(problem, one.accepted) for one in (beside, plain))
@@ -123,10 +124,22 @@ def _of_tool(problem: Problem) -> dict[str, Effect]:
     return {name: effect for name, effect in known if effect.parameters and all(x.stated for x in effect.parameters)}
 
 
-def with_tool(problem: Problem, base: Fit) -> Fit:
-    """The nominal model with mass and centre of mass of the tool free."""
-    of_tool = tuple(at_zero(name, movable(problem, effect)) for name, effect in _of_tool(problem).items())
-    return fit(problem, of_tool, base)
+def with_tool(problem: Problem, base: Fit, further: Collection[str] = ()) -> Fit:
+    """The nominal model with mass and centre of mass of the tool free, and further effects."""
+    names = (*_of_tool(problem), *further)
+    return fit(problem, tuple(at_zero(name, movable(problem, problem.catalogue[name])) for name in names), base)
+
+
+def _never_measured(setup: Setup, problem: Problem, without: Collection[str]) -> tuple[str, ...]:
+    """What nobody has measured of a drafted setup beside mass and centre of mass.
+
+    Where on the flange the sensor's origin is, and the tool's inertia. Both are small beside a cause and do the same
+    to mass, cutoff or stiffness as another form of that cause, whose numbers would be off by many standard errors.
+    """
+    open_ = {"mount_translation": not setup.sensor.translation.any(), "tool_inertia": True}
+    return tuple(
+        name for name in open_ if open_[name] and name in problem.catalogue.keys() - {*without, *problem.known}
+    )
 
 
 def _like_tool(problem: Problem) -> set[str]:
@@ -158,12 +171,14 @@ def _departs(problem: Problem, found: Fit, h: Hypothesis) -> bool:
     return any(map(np.any, off))
 
 
-def _beside_tool(problem: Problem, base: Fit, hold_out: Judge, without: Collection[str]) -> Searched:
-    """Causes found with the tool free; of the tool stays what is worth its numbers beside them.
+def _beside_tool(
+    problem: Problem, base: Fit, hold_out: Judge, without: Collection[str], further: Collection[str]
+) -> Searched:
+    """Causes found with the tool free, and further effects; of these stays what is worth its numbers beside them.
 
     It must also hold in blocks that are left out: what other causes put into the tool does not.
     """
-    free = with_tool(problem, base)
+    free = with_tool(problem, base, further)
     of_tool = stay = free.hypotheses
     accepted, rounds = search(problem, free, hold_out, without)
     causes = accepted.hypotheses[len(of_tool) :]

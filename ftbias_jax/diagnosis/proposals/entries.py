@@ -56,7 +56,10 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> Whole:
     hypotheses = tuple(matrix if h is few else h for h in found.hypotheses)
     # A step that may miss comes first: products of leaks and a lever arm make the way narrow for shorter ones.
     z = undamped(problem, hypotheses, found)
-    whole = fit(problem, tuple(h if h.shapes else h._replace(start=tuple(z[list(h.free)])) for h in hypotheses), found)
+    begun = [h if h.shapes else h._replace(start=tuple(z[list(h.free)])) for h in hypotheses]
+    matrix = begun[hypotheses.index(matrix)]
+    whole = fit(problem, tuple(begun), found)
+    whole = whole._replace(hypotheses=tuple(matrix if h is few else h for h in found.hypotheses))
     before, after = (
         (one.z[entries] ** 2).sum() / (2 * ENTRY_STD**2) - one.log_likelihood + NATS_PER_DEGREE * one.degrees
         for one in (found, whole)

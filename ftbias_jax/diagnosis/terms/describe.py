@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.candidates import Scored
+from ftbias_jax.diagnosis.candidates import Scored, score
 from ftbias_jax.diagnosis.evidence.gap import Judge, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.proposals.entries import entries_of
 from ftbias_jax.diagnosis.proposals.touches import takes_most
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import stand
@@ -16,7 +17,15 @@ from ftbias_jax.diagnosis.search import gap_of
 from ftbias_jax.diagnosis.terms.fit_terms import Solved
 from ftbias_jax.diagnosis.terms.library import merit_of
 from ftbias_jax.diagnosis.terms.select import Search, Step, numbers_of
-from ftbias_jax.diagnosis.thresholds import AS_WELL, CLEARLY, CLOSE, LEAST_SHARE_OF_GAP, NATS_PER_DEGREE, NEARLY
+from ftbias_jax.diagnosis.thresholds import (
+    AS_WELL,
+    CLEARLY,
+    CLOSE,
+    LEAST_GAIN,
+    LEAST_SHARE_OF_GAP,
+    NATS_PER_DEGREE,
+    NEARLY,
+)
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.fitting import Linear, Pull, Ringing, Touches
 from ftbias_jax.model.effects.fitting import Step as StepSearch
@@ -108,6 +117,8 @@ def describe(
     if not explained and not stands and not _holds(problem, hold_out, base, fit, accepted, 1 - NEARLY):
         return answer
     if explained:
+        if entries_of(problem, accepted) and score(accepted, fit) > LEAST_GAIN:
+            return answer  # leaks between six channels are thirty numbers, and no fewer
         ours = _merit(base, kept, steps[-1].described.terms, fit.log_likelihood)
         if ours < (1.0 if simpler else CLEARLY) * theirs or not _holds(problem, hold_out, base, fit, accepted, AS_WELL):
             return answer
