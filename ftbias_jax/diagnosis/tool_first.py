@@ -55,7 +55,7 @@ def search_causes(
     if plain and (excluded or (_is_simple(problem, plain.accepted, least) and not _stands_for_tool(problem, plain))):
         return plain
     progress("trying causes beside a wrong tool")
-    further = _never_measured(setup, problem, without) if drafted else ()
+    further = _unmeasured(setup, problem, without) if drafted else ()
     beside = _beside_tool(problem, base, hold_out, without, further)
     if plain is None:
         return beside
@@ -130,15 +130,17 @@ def with_tool(problem: Problem, base: Fit, further: Collection[str] = ()) -> Fit
     return fit(problem, tuple(at_zero(name, movable(problem, problem.catalogue[name])) for name in names), base)
 
 
-def _never_measured(setup: Setup, problem: Problem, without: Collection[str]) -> tuple[str, ...]:
-    """What nobody has measured of a drafted setup beside mass and centre of mass.
+def _unmeasured(setup: Setup, problem: Problem, without: Collection[str]) -> tuple[str, ...]:
+    """Effects of what a drafted setup leaves open beside mass and centre of mass: inertia, and the sensor's place.
 
-    Where on the flange the sensor's origin is, and the tool's inertia. Both are small beside a cause and do the same
-    to mass, cutoff or stiffness as another form of that cause, whose numbers would be off by many standard errors.
+    Beside a cause both are small, and do to it what another form of it does: its numbers, and the mass, would be off by
+    many standard errors.
     """
-    open_ = {"mount_translation": not setup.sensor.translation.any(), "tool_inertia": True}
+    left_open = {name: effect.fit.unmeasured for name, effect in problem.catalogue.items()}
     return tuple(
-        name for name in open_ if open_[name] and name in problem.catalogue.keys() - {*without, *problem.known}
+        name
+        for name, is_open in left_open.items()
+        if is_open and is_open(setup) and name not in {*without, *problem.known}
     )
 
 

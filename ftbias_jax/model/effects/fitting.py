@@ -157,3 +157,5 @@ class Fitting(NamedTuple):
     """(values, model) -> values that say the same in the usual form."""
     possible: Callable[[dict[str, Any], dict[str, Any]], bool] | None = None
     """(values, standard errors) -> whether anything that exists may have them; None = there always may."""
+    unmeasured: Callable[[Any], bool] | None = None
+    """Setup -> whether a drafted one leaves open what this changes; None = a draft has it from the log, or knows it."""

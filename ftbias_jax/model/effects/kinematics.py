@@ -127,7 +127,7 @@ EFFECTS = (
         transform=mount_translation,
         # Arms that turn the sensor swing it as well: what is not recorded of that reads as another place.
         needs_motion="acceleration",
-        fit=Fitting(Linear()),
+        fit=Fitting(Linear(), unmeasured=lambda setup: not setup.sensor.translation.any()),
         twins=(
             Twin("none", False, "turn the wrist fast: at rest nobody sees where the origin is"),
             Twin(

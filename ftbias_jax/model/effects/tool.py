@@ -107,7 +107,7 @@ EFFECTS = (
         transform=tool_inertia,
         # Arms that turn the sensor swing it as well: what is not recorded of that reads as inertia.
         needs_motion="acceleration",
-        fit=Fitting(Linear(), possible=_of_a_body),
+        fit=Fitting(Linear(), possible=_of_a_body, unmeasured=lambda setup: True),
         twins=(Twin("tool_flexibility", False, "accelerate the wrist at several frequencies"),),
         statement=distance(
             "the tool's inertia departs from the setup's by {value}, mostly in {axis}",
