@@ -66,6 +66,32 @@ def test_the_tool_of_a_draft_is_replaced_where_it_stands(diagnosis):
     assert "ftbias diagnose" in mended.comments["tool.mass"]
 
 
+@pytest.fixture(scope="module")
+def elsewhere():
+    """What a draft does not know: where the sensor sits on the flange, and the tool's inertia."""
+    log = simulate(TRUE, {"low_pass": {"cutoff": 3.0}}, duration=20, rate=100, seed=13).log
+    draft = replace(DRAFTED, sensor=replace(TRUE.sensor, translation=np.zeros(3)))
+    return log, replace(draft, tool=replace(draft.tool, inertia=np.zeros(6)))
+
+
+def test_what_nobody_has_measured_is_open_beside_a_cause(elsewhere):
+    log, draft = elsewhere
+    found = diagnose(draft, [log])
+    assert found.verdict == "explained"
+    assert_tool_found(found)
+    lag, place = (next(x for x in found.causes if x.effect == name) for name in ("low_pass", "mount_translation"))
+    assert abs(lag.parameters["cutoff"] - 3.0) < 3 * lag.stderr["cutoff"]
+    off = np.abs(np.array(place.parameters["translation"]) - TRUE.sensor.translation)
+    np.testing.assert_array_less(off, 3.5 * np.array(place.stderr["translation"]))
+
+
+@pytest.mark.slow
+def test_a_place_that_is_stated_is_believed(elsewhere):
+    log, draft = elsewhere
+    stated = replace(draft, sensor=replace(draft.sensor, translation=np.array([0.0, 0.0, 0.04])))
+    assert "mount_translation" not in {cause.effect for cause in diagnose(stated, [log]).causes}
+
+
 @pytest.mark.slow
 def test_a_tool_that_is_stated_is_suspected_where_no_cause_explains_alone(lagging):
     stated = diagnose(with_tool(0.86, OFF), [lagging])

@@ -1,3 +1,4 @@
+import chex
 import numpy as np
 import pytest
 from stated import PANDA
@@ -33,6 +34,14 @@ def test_the_speed_from_which_vibration_grows_with_the_speed_alone_is_known_to_t
     np.testing.assert_allclose(bias_filter.vibration(never, dq), dq**2 @ rows, rtol=1e-6)
     with pytest.raises(SetupError, match=r"effects\.vibration\.speed: got 0"):
         params_with({"vibration": {"variance": rows.tolist(), "speed": 0.0}})
+
+
+@pytest.mark.parametrize("scale", [0.02, [0.5, 1, 2, 3, 4, 5]])
+def test_a_known_noise_level_is_the_noise_of_the_sensor(scale):
+    """And no factor of all noise: the model's error, which a filter measures by it, has nothing to do with it."""
+    stated = PANDA["sensor"] | {"noise_std": (np.broadcast_to(scale, 6) * parse_setup(PANDA).sensor.noise_std).tolist()}
+    expected = params_from_setup(parse_setup(PANDA | {"sensor": stated}))
+    chex.assert_trees_all_equal(params_with({"noise_level": {"scale": scale}}), expected)
 
 
 def test_rows_must_fit_the_joints():

@@ -47,7 +47,6 @@ def setup_with(setup: Setup, params: Params, *, guarded: bool = True) -> Setup:
     if guarded:
         density = np.asarray(params.joint.process_density, float) / LAG_GUARD
         params = params._replace(joint=params.joint._replace(process_density=density))
-    setup = with_noise_as_known(setup)
     stated = params_from_setup(setup)
     before, after = _fields(stated), _fields(params)
     if setup.sensor.rezeroed:  # the log has added what the tool makes its first pose read
@@ -60,6 +59,7 @@ def setup_with(setup: Setup, params: Params, *, guarded: bool = True) -> Setup:
     variance = noise.get("wrench_variance")
     if variance is not None:  # a log of poses without accelerations has the variance of these in it
         noise["wrench_variance"] = np.sqrt(np.maximum(variance - unknown_acceleration(setup), 0))
+        setup = with_noise_as_known(setup)  # whose effect would multiply it
     joints, bias, sensor = (
         {key: noise[name] for name, key in keys.items() if name in noise} for keys in (JOINTS, BIAS, SENSOR)
     )

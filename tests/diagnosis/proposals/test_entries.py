@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.cli.commands.demo import SETUP
+from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.evidence.estimates import FORM_ERROR, parameters
 from ftbias_jax.diagnosis.hypothesis import at_values
 from ftbias_jax.diagnosis.problem import make_problem
@@ -74,6 +75,19 @@ def test_leaks_of_all_channels_are_told_as_all():
     np.testing.assert_allclose(told, values(problem, whole.fit.z, "crosstalk")["matrix"])
     off = ~np.eye(6, dtype=bool)
     assert (np.abs(told - ALL)[off] < 3 * stderr[off]).mean() > 0.9
+
+
+def test_leaks_of_all_channels_explain_a_log_without_terms():
+    """A few of thirty leave something, and what is left is no reason to describe the whole by something else."""
+    matrix = np.eye(6) + np.random.default_rng(2).normal(size=(6, 6)) * 0.1 * (ALL - np.eye(6)) / 0.08
+    quiet = replace(TRUE, sensor=replace(TRUE.sensor, noise_std=TRUE.sensor.noise_std / 5))
+    log = simulate(quiet, {"crosstalk": {"matrix": matrix}}, duration=20, rate=100, seed=12).log
+    diagnosis = diagnose(quiet, [log])
+    assert (diagnosis.verdict, [cause.effect for cause in diagnosis.causes]) == ("explained", ["crosstalk"])
+    assert diagnosis.gap.after_sigmas < 1.01
+    cause = diagnosis.causes[0]
+    off = np.abs(np.array(cause.parameters["matrix"]) - matrix) / np.maximum(cause.stderr["matrix"], 1e-12)
+    assert (off[~np.eye(6, dtype=bool)] < 3).mean() > 0.9
 
 
 @in_float64

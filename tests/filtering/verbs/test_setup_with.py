@@ -70,6 +70,17 @@ def test_noise_that_was_trained_comes_back_from_the_file(setup, params, log, tmp
     assert close(trained, again)
 
 
+def test_a_known_noise_level_is_not_counted_twice(setup, log):
+    louder = replace(setup, effects={"noise_level": {"scale": 3.0}})
+    params = ft.params_for_log(louder, log)
+    assert setup_with(louder, params).effects == louder.effects
+    doubled = params._replace(bias=params.bias._replace(wrench_variance=4 * params.bias.wrench_variance))
+    written = setup_with(louder, doubled)
+    assert written.effects == {}
+    np.testing.assert_allclose(written.sensor.noise_std, 6 * setup.sensor.noise_std, rtol=1e-6)
+    assert close(doubled, ft.params_for_log(written, log))
+
+
 def test_noise_that_is_faint_is_told_from_none(setup, params, log):
     faint = ft.constrain(params, {"wrench_std": jnp.full(6, np.log(1e-7)), "entries": jnp.full(36, np.log(2e-7))})
     fainter = ft.constrain(faint, {"wrench_std": jnp.full(6, np.log(3e-8)), "entries": jnp.full(36, np.log(4e-8))})
