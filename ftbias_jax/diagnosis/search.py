@@ -110,7 +110,10 @@ class Search(NamedTuple):
         """
         few = entries_of(self.problem, accepted)
         whole = whole_matrix(self.problem, accepted, few) if few else None
-        return (whole.fit, self.rounds_of(whole.fit, rounds)) if whole and whole.earned else (accepted, rounds)
+        if not whole or not whole.earned:
+            return accepted, rounds
+        count = self._causes(accepted)
+        return whole.fit, [*self.rounds_of(whole.fit, rounds[:count]), *rounds[count:]]
 
     def _causes(self, accepted: Fit) -> int:
         return len(accepted.hypotheses) - len(self.start.hypotheses)
