@@ -40,6 +40,7 @@ from ftbias_jax.model.effects.fitting import GROWTH, LEVEL
 from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.model.own_effects import catalogue_of_setup, not_shown
+from ftbias_jax.model.params import with_noise_as_known
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup import GivenSetup, Setup, as_setup
@@ -283,7 +284,7 @@ def _without_causes(answer: Answer) -> Answer:
 def _not_tested(setup: Setup, problem: Problem, without: Collection[str]) -> tuple[tuple[str, str], ...]:
     """(effect, why) of those that the logs are not asked about."""
     reasons = [(name, "left out on request") for name in without]
-    reasons += [(name, "the setup has it already") for name in setup.effects]
+    reasons += [(name, "the setup has it already") for name in with_noise_as_known(setup).effects]
     reasons += [(name, reason) for name, reason in not_shown(setup).items() if name not in without]
     for name, effect in problem.catalogue.items():
         reasons += [(name, f"no {need} was recorded") for need in effect.needs if need not in problem.recorded]

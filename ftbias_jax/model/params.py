@@ -106,9 +106,8 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     Raises:
         SetupError: the setup does not state the tool's mass or centre of mass.
     """
-    setup = with_noise_as_known(
-        with_guessed_tool(require_tool(setup))
-    )  # guessed only where the reading has nothing of the tool in it
+    # The tool is guessed only where the reading has nothing of it.
+    setup = with_noise_as_known(with_guessed_tool(require_tool(setup)))
     sensor, n = setup.sensor, len(setup.robot.screws)
     # What the controller has subtracted is not in the reading: all that the tool causes, or its weight alone.
     there = {name: float(sensor.compensated != name) for name in ("weight", "tool")}
