@@ -89,7 +89,10 @@ def _by_ways(
         rows[:, [*ringing.free, places.sagging]] = *ringing.start, sags
         rows[range(len(WAYS)), places.ways] += STEP
     *moved, still = readings(problem, z)  # where no share moves, neither frequency nor sagging matters
-    return whitened(problem, (np.stack(moved) - still) / STEP).reshape(len(tried), len(WAYS), -1, 6)
+    change = (np.stack(moved) - still) / STEP
+    # A tool that no body can be, as may be fitted before a cause is found, may swing without bounds.
+    bounded = np.abs(change).max((1, 2), keepdims=True) < np.finfo(np.float32).max
+    return whitened(problem, np.where(bounded, change, 0.0)).reshape(len(tried), len(WAYS), -1, 6)
 
 
 def _stiffest(tried: list[Found]) -> Found:
