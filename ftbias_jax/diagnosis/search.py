@@ -18,7 +18,6 @@ from ftbias_jax.diagnosis.evidence.gap import (
 )
 from ftbias_jax.diagnosis.hypothesis import is_sudden
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.proposals.entries import entries_of, whole_matrix
 from ftbias_jax.diagnosis.proposals.ringing import is_plausible
 from ftbias_jax.diagnosis.proposals.series import Library, make_library
 from ftbias_jax.diagnosis.regression.fit import Fit, compared, fit, projection
@@ -96,24 +95,12 @@ class Search(NamedTuple):
             best = next((s for s in scored[:MOST_JUDGED] if self.has_earned(threshold, accepted, s)), None)
             rounds.append([best, *(s for s in scored if s is not best)] if best else scored)
             if best is None:
-                return self.with_all_entries(accepted, rounds)
+                break
             accepted = best.fit
             redundant = self.without_redundant(accepted)
             if redundant is not None:
                 accepted, rounds = redundant, self.rounds_of(redundant, rounds)
         return accepted, rounds
-
-    def with_all_entries(self, accepted: Fit, rounds: Rounds) -> tuple[Fit, Rounds]:
-        """What was found, with the whole of a matrix of which few entries were, where something is left beside these.
-
-        No other cause has earned its place: then many small leaks are likelier than something that nobody knows.
-        """
-        few = entries_of(self.problem, accepted)
-        whole = whole_matrix(self.problem, accepted, few) if few else None
-        if not whole or not whole.earned:
-            return accepted, rounds
-        count = self._causes(accepted)
-        return whole.fit, [*self.rounds_of(whole.fit, rounds[:count]), *rounds[count:]]
 
     def _causes(self, accepted: Fit) -> int:
         return len(accepted.hypotheses) - len(self.start.hypotheses)

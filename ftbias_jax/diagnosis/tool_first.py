@@ -10,6 +10,7 @@ from ftbias_jax.diagnosis.evidence.estimates import parameters
 from ftbias_jax.diagnosis.evidence.gap import Judge, nats_of_joints
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_zero, movable, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
+from ftbias_jax.diagnosis.proposals.entries import entries_of, whole_matrix
 from ftbias_jax.diagnosis.regression.fit import Fit, compared, fit
 from ftbias_jax.diagnosis.result import Candidate
 from ftbias_jax.diagnosis.search import Rounds, enough, gap_of, search, with_first_fits
@@ -48,6 +49,17 @@ def search_causes(
     alone, and a greedy search does not find the way: where more than one cause was found, or much is left, the
     tool is tried beside them, too, and taken if that explains all, or as much as they do, by fewer numbers.
     """
+    return _with_all_entries(problem, _searched(setup, problem, base, hold_out, without, progress))
+
+
+def _searched(
+    setup: Setup,
+    problem: Problem,
+    base: Fit,
+    hold_out: Judge,
+    without: Collection[str],
+    progress: Callable[[str], None],
+) -> Searched:
     excluded = _of_tool(problem).keys() & {*without, *problem.known}
     drafted = is_draft(setup) and not excluded
     plain = None if drafted else Searched(base, *search(problem, base, hold_out, without, progress))
@@ -68,6 +80,20 @@ def search_causes(
         as_good = lost < max(ALIKE * error, LEAST_GAIN, nats_of_joints(problem))
         better = better or (as_good and beside.accepted.degrees < plain.accepted.degrees)
     return beside if beside.start.hypotheses and closed and better else plain
+
+
+def _with_all_entries(problem: Problem, found: Searched) -> Searched:
+    """What was found, with the whole of a matrix of which few entries were, where something is left beside these.
+
+    No other cause has earned its place: then many small leaks are likelier than something that nobody knows.
+    """
+    before, count = len(found.start.hypotheses), len(found.accepted.hypotheses)
+    few = entries_of(problem, found.accepted) if len(found.rounds) > count else None
+    whole = whole_matrix(problem, found.accepted, few) if few else None
+    if not whole or not whole.earned:
+        return found
+    of_causes = with_first_fits(problem, found.rounds[before:count], whole.fit, before)
+    return Searched(found.start, whole.fit, [*found.rounds[:before], *of_causes, *found.rounds[count:]])
 
 
 def stderr_of_tool(setup: Setup, problem: Problem, accepted: Fit) -> dict[str, np.ndarray]:

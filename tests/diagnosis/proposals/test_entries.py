@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 
 from ftbias_jax.cli.commands.demo import SETUP
+from ftbias_jax.diagnosis import tool_first
 from ftbias_jax.diagnosis.candidates import Scored
 from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.evidence.estimates import FORM_ERROR, parameters
-from ftbias_jax.diagnosis.evidence.gap import Judge
 from ftbias_jax.diagnosis.hypothesis import at_values
 from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.diagnosis.proposals.entries import whole_matrix
 from ftbias_jax.diagnosis.regression.chain_model import to_values
 from ftbias_jax.diagnosis.regression.fit import base, fit
-from ftbias_jax.diagnosis.search import Search
-from ftbias_jax.diagnosis.tool_first import with_tool
+from ftbias_jax.diagnosis.tool_first import Searched, with_tool
 from ftbias_jax.model.simulate_log import simulate
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.setup import parse_setup
@@ -78,11 +77,11 @@ def test_leaks_of_all_channels_are_told_as_all():
     np.testing.assert_allclose(told, values(problem, whole.fit.z, "crosstalk")["matrix"])
     off = ~np.eye(6, dtype=bool)
     assert (np.abs(told - ALL)[off] < 3 * stderr[off]).mean() > 0.9
-    search = Search(problem, with_tool(problem, base(problem)), Judge(problem), list)
-    accepted, rounds = search.with_all_entries(found, [[Scored(found, 0.0)], []])  # nothing was left to be tried
-    assert rounds == [[Scored(accepted, 0.0)], []]
-    assert accepted.log_likelihood == whole.fit.log_likelihood
-    assert search.with_all_entries(search.start, [[]]) == (search.start, [[]])
+    before = Searched(base(problem), found, [[Scored(found, 0.0)], [Scored(found, 0.0)], [Scored(found, 0.0)], []])
+    assert tool_first._with_all_entries(problem, before._replace(rounds=before.rounds[:3])).accepted is found
+    after = tool_first._with_all_entries(problem, before)  # nothing was left to be tried in the last round
+    assert after.accepted.log_likelihood == whole.fit.log_likelihood
+    assert [len(scored) for scored in after.rounds] == [1, 1, 1, 0]
 
 
 def test_leaks_of_all_channels_explain_a_log_without_terms():
