@@ -56,10 +56,11 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> Whole:
     hypotheses = tuple(matrix if h is few else h for h in found.hypotheses)
     # A step that may miss comes first: products of leaks and a lever arm make the way narrow for shorter ones.
     z = undamped(problem, hypotheses, found)
-    begun = [h if h.shapes else h._replace(start=tuple(z[list(h.free)])) for h in hypotheses]
-    matrix = begun[hypotheses.index(matrix)]
-    whole = fit(problem, tuple(begun), found)
-    whole = whole._replace(hypotheses=tuple(matrix if h is few else h for h in found.hypotheses))
+    begun = tuple(h if h.shapes else h._replace(start=tuple(z[list(h.free)])) for h in hypotheses)
+    whole = fit(problem, begun, found)
+    # Of the others the fit has the hypotheses that it was given, by which whoever calls knows them.
+    others = zip(found.hypotheses, begun, strict=True)
+    whole = whole._replace(hypotheses=tuple(own if h is few else h for h, own in others))
     before, after = (
         (one.z[entries] ** 2).sum() / (2 * ENTRY_STD**2) - one.log_likelihood + NATS_PER_DEGREE * one.degrees
         for one in (found, whole)
