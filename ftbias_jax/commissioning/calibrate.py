@@ -16,7 +16,7 @@ import numpy as np
 from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
 from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.commissioning.drafted import as_uncertain, larger, loosened, with_loose_tool
-from ftbias_jax.commissioning.events import is_bias_alone, without_events
+from ftbias_jax.commissioning.events import is_bias_alone, same_causes, without_events
 from ftbias_jax.commissioning.judged import Judged, baselines, compare, judge
 from ftbias_jax.commissioning.logs import longest, without_end
 from ftbias_jax.commissioning.result import CALIBRATED, GIVEN, Calibrated, Step, nothing_found
@@ -197,7 +197,7 @@ def _with_causes(state: _State, road: _Road) -> _State:
     ):
         if parts:
             step = Step(kind, f"{kind[:-1]}: {', '.join(named)}", True, "", tuple(parts))
-            setup = with_causes(state.setup, found.causes, terms)
+            setup = with_causes(state.setup, found.causes, terms, found.model_stderr)
             ahead = road.tool_ahead(setup)
             for prepare in programs_of_search(setup, road.begun):  # for the diagnosis that follows
                 road.worker.submit(same_precision(prepare))
@@ -291,10 +291,10 @@ def _repeated(state: _State, start: Setup, logs: Sequence[Log], names: Sequence[
                 if later != TERMS:
                     others = {*catalogue_of_setup(setup), TERM} - looked_for
                     named = diagnose(setup, logs, names, others, unchecked=True)
-                    setup, looked_for = with_causes(setup, named.causes, named.terms), set()
+                    setup, looked_for = with_causes(setup, named.causes, named.terms, named.model_stderr), set()
                     beside = larger(beside, named.tool_stderr)
     except FtbiasError:
         return None
     if state.unmoved is not None:
         setup = as_uncertain(replace(setup, tool=found.tool), beside)
-    return setup if {*setup.effects} == {*state.setup.effects} else None
+    return setup if same_causes(setup, state.setup, start) else None

@@ -6,6 +6,7 @@ from typing import Any
 
 from ftbias_jax.commissioning.result import Step
 from ftbias_jax.diagnosis.result import WANDER, Diagnosis
+from ftbias_jax.diagnosis.tool_first import left_open
 from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.setup.types import Setup
@@ -39,6 +40,11 @@ def is_bias_alone(found: Diagnosis, steps: Sequence[Step]) -> bool:
     The filter finds that by itself, and predicts no better with it. Whoever identifies the tool needs it all the same.
     """
     return (not found.causes or steps[-1].kept) and all(term.form == WANDER for term in found.terms)
+
+
+def same_causes(one: Setup, other: Setup, draft: Setup) -> bool:
+    """Whether two setups that a draft became have the same effects, but for what the draft left open."""
+    return {*one.effects} ^ {*other.effects} <= {*left_open(draft, catalogue_of_setup(draft))}
 
 
 def _goes_by_clock(term: Mapping[str, Any]) -> bool:

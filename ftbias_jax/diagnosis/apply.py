@@ -20,10 +20,16 @@ def setup_with_causes(diagnosis: Diagnosis, setup: Setup) -> Setup:
 
     Those with values that no setup can state are left out (``refused``). ``Diagnosis.apply`` is this.
     """
-    return with_causes(setup.with_effects(diagnosis.own_effects), diagnosis.causes, diagnosis.terms)
+    found, own = diagnosis, diagnosis.own_effects
+    return with_causes(setup.with_effects(own), found.causes, found.terms, found.model_stderr)
 
 
-def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm] = ()) -> Setup:
+def with_causes(
+    setup: Setup,
+    causes: Sequence[Candidate],
+    terms: Sequence[FoundTerm] = (),
+    model_stderr: np.ndarray | None = None,
+) -> Setup:
     """The setup with the causes and terms among its effects, but for those that ``refused`` names.
 
     The sensor's noise is replaced where it stands, and so is what the setup states of the tool with a standard error,
@@ -33,6 +39,7 @@ def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[Found
         setup: of the diagnosis.
         causes: their values replace those the setup has for the same effect.
         terms: come after those that the setup has; a bias that wanders changes what it states of the bias.
+        model_stderr: (6,) N, Nm of the reading with them, for the error bars, if it is more than the setup states.
     """
     from ftbias_jax.model.effects.terms.parse import TERM
     from ftbias_jax.model.params import NOISE_LEVEL, with_noise_as_known
@@ -41,6 +48,7 @@ def with_causes(setup: Setup, causes: Sequence[Candidate], terms: Sequence[Found
     setup = with_noise_as_known(setup)  # by which the one that was found was measured
     setup, causes = _with_tool(setup, causes)
     setup = _with_wander(setup, terms)
+    setup = _with_model_error(setup, model_stderr) if causes else setup
     sections = [term.section for term in _of_effects(terms) if not _refusal(setup, {TERM: [term.section]})]
     effects: dict[str, Any] = {**setup.effects, **{cause.effect: cause.parameters for cause in causes}}
     if sections:
@@ -92,6 +100,14 @@ def _with_wander(setup: Setup, terms: Sequence[FoundTerm]) -> Setup:
             comments = {**setup.comments, "bias.noise_density": f"ftbias diagnose: {term.statement}"}
             setup = replace(setup, bias=bias, comments=comments)
     return setup
+
+
+def _with_model_error(setup: Setup, stderr: np.ndarray | None) -> Setup:
+    if stderr is None:
+        return setup
+    more = np.fmax(stderr, 0.0 if setup.bias.model_std is None else setup.bias.model_std)
+    comments = {**setup.comments, "bias.model_std": "ftbias diagnose: standard errors of the effects, by its logs"}
+    return replace(setup, bias=replace(setup.bias, model_std=more), comments=comments)
 
 
 def _of_effects(terms: Sequence[FoundTerm]) -> list[FoundTerm]:

@@ -28,7 +28,7 @@ from ftbias_jax.diagnosis.terms.select import state_of_problem
 from ftbias_jax.diagnosis.terms.spectra import fast_lines
 from ftbias_jax.diagnosis.terms.wander import is_all, told, wander_of
 from ftbias_jax.diagnosis.thresholds import AS_WELL, USEFUL_SHARE
-from ftbias_jax.diagnosis.tool_first import Searched, no_surer, search_causes, stderr_of_tool
+from ftbias_jax.diagnosis.tool_first import Searched, no_surer, search_causes, stderr_beside
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering.quality.at_rest import rest_in_words, weight_in_bias
 from ftbias_jax.io import GivenLog, as_logs, names_of
@@ -154,7 +154,7 @@ def explain(
     problem, base = answer.problem, answer.base
     if pushed := pushed and verdict not in ("explained", "described"):  # a push follows nothing
         answer, verdict, causes = _without_causes(answer)._replace(terms=()), "unknown", ()
-    of_tool = stderr_of_tool(setup, problem, answer.accepted)
+    of_tool, of_reading = stderr_beside(setup, problem, answer.accepted)
     causes = tuple(no_surer(problem, cause, answer.accepted, of_tool) for cause in causes)
     causes, ranking = (
         tuple(with_nominal(problem, candidate) for candidate in some) for some in (causes, ranking_of(answer))
@@ -179,6 +179,7 @@ def explain(
         terms=answer.terms,
         correlations=correlations(problem, answer.accepted, causes),
         tool_stderr=of_tool,
+        model_stderr=of_reading,
         note=note(setup, rest_in_words(setup, slices(*logs))),
         provenance=provenance(setup, list(map(source_of, logs)), {"without": sorted(without)}, names),
     )

@@ -245,6 +245,8 @@ class Diagnosis(NamedTuple):
     """(P, P) between the errors of all numbers of the causes, in their order: ``evidence.estimates``."""
     tool_stderr: Mapping[str, np.ndarray] = MappingProxyType({})
     """Standard errors of a tool that was fitted beside all causes, by keys of [tool]; {} = it was not."""
+    model_stderr: np.ndarray | None = None
+    """(6,) N, Nm: of the reading of the model with all causes, but for what ``tool_stderr`` says; None = not known."""
     courses: tuple[Course, ...] = ()
     """How causes went on over all logs, where more than those that were diagnosed were given: ``pooled``."""
     command: str = ""

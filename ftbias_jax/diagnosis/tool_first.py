@@ -8,6 +8,7 @@ import numpy as np
 from ftbias_jax.diagnosis.candidates import Scored, score
 from ftbias_jax.diagnosis.evidence.estimates import parameters
 from ftbias_jax.diagnosis.evidence.gap import Judge, nats_of_joints
+from ftbias_jax.diagnosis.evidence.reading import stderr_of_reading
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_zero, movable, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.entries import entries_of, whole_matrix
@@ -15,6 +16,7 @@ from ftbias_jax.diagnosis.regression.fit import Fit, compared, fit
 from ftbias_jax.diagnosis.result import Candidate
 from ftbias_jax.diagnosis.search import Rounds, enough, gap_of, search, with_first_fits
 from ftbias_jax.diagnosis.thresholds import ALIKE, LEADS, LEAST_GAIN, LEAST_SIGMAS, SURE
+from ftbias_jax.model.effects.catalogue import Catalogue
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.require import is_draft
@@ -67,7 +69,7 @@ def _searched(
     if plain and (excluded or (_is_simple(problem, plain.accepted, least) and not _stands_for_tool(problem, plain))):
         return plain
     progress("trying causes beside a wrong tool")
-    further = _unmeasured(setup, problem, without) if drafted else ()
+    further = _still_open(setup, problem, without) if drafted else ()
     beside = _beside_tool(problem, base, hold_out, without, further)
     if plain is None:
         return beside
@@ -96,15 +98,31 @@ def _with_all_entries(problem: Problem, found: Searched) -> Searched:
     return Searched(found.start, whole.fit, [*found.rounds[:before], *of_causes, *found.rounds[count:]])
 
 
-def stderr_of_tool(setup: Setup, problem: Problem, accepted: Fit) -> dict[str, np.ndarray]:
-    """Standard errors of a tool beside all that was found, by keys of [tool]: of a draft, or where it is among that."""
-    of_tool, drafted = _of_tool(problem), is_draft(setup)
+def stderr_beside(setup: Setup, problem: Problem, accepted: Fit) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
+    """Standard errors beside all that was found: of the tool, by keys of [tool], and (6,) N, Nm of the model's reading.
+
+    The tool's are {} if it is neither a draft nor among what was found; the others are those of ``stderr_of_reading``,
+    without what the setup states of the tool's. What a draft leaves open is free, worth its numbers or not.
+    """
+    beside = _with_left_open(setup, problem, accepted)
+    of_tool = {} if _of_tool(problem).keys() & problem.known else _stderr_of_tool(setup, problem, beside)
+    stated = {key for key in ("mass", "center_of_mass") if getattr(setup.tool, f"{key}_std") is not None}
+    given = [name for name, effect in _of_tool(problem).items() if {x.stated for x in effect.parameters} <= stated]
+    return of_tool, stderr_of_reading(problem, beside, given)
+
+
+def _with_left_open(setup: Setup, problem: Problem, accepted: Fit) -> Fit:
+    of_tool = _of_tool(problem)
+    if not is_draft(setup) or of_tool.keys() & problem.known:
+        return accepted
     named = {h.effect for h in accepted.hypotheses}
-    if of_tool.keys() & problem.known or not (drafted or of_tool.keys() & named):
-        return {}
-    others = [(name, effect) for name, effect in of_tool.items() if drafted and name not in named]
-    further = [at_zero(name, movable(problem, effect)) for name, effect in others]
-    beside = fit(problem, (*accepted.hypotheses, *further), accepted) if further else accepted
+    others = [name for name in (*of_tool, *_still_open(setup, problem, ())) if name not in named]
+    further = [at_zero(name, movable(problem, problem.catalogue[name])) for name in others]
+    return fit(problem, (*accepted.hypotheses, *further), accepted) if further else accepted
+
+
+def _stderr_of_tool(setup: Setup, problem: Problem, beside: Fit) -> dict[str, np.ndarray]:
+    of_tool = _of_tool(problem)
     found: dict[str, np.ndarray] = {}
     for h in beside.hypotheses:
         if h.effect in of_tool:
@@ -156,18 +174,19 @@ def with_tool(problem: Problem, base: Fit, further: Collection[str] = ()) -> Fit
     return fit(problem, tuple(at_zero(name, movable(problem, problem.catalogue[name])) for name in names), base)
 
 
-def _unmeasured(setup: Setup, problem: Problem, without: Collection[str]) -> tuple[str, ...]:
+def left_open(setup: Setup, catalogue: Catalogue) -> list[str]:
     """Effects of what a drafted setup leaves open beside mass and centre of mass: inertia, and the sensor's place.
 
     Beside a cause both are small, and do to it what another form of it does: its numbers, and the mass, would be off by
     many standard errors.
     """
-    left_open = {name: effect.fit.unmeasured for name, effect in problem.catalogue.items()}
-    return tuple(
-        name
-        for name, is_open in left_open.items()
-        if is_open and is_open(setup) and name not in {*without, *problem.known}
-    )
+    unmeasured = {name: effect.fit.unmeasured for name, effect in catalogue.items()}
+    return [name for name, is_open in unmeasured.items() if is_open and is_open(setup)]
+
+
+def _still_open(setup: Setup, problem: Problem, settled: Collection[str]) -> list[str]:
+    """Those of them that are not settled, and not known."""
+    return [name for name in left_open(setup, problem.catalogue) if name not in {*settled, *problem.known}]
 
 
 def _like_tool(problem: Problem) -> set[str]:

@@ -147,6 +147,8 @@ class BiasSetup:
     the noise is taken from the log ``filter_samples.GATE``."""
     drift_time: Array | None = None
     """(6,) s in which the drift reverts to zero; None = never."""
+    model_std: Array | None = None
+    """(6,) N and Nm: standard error of the model's reading beside the tool's; the bias takes it up. None = none."""
     adapt: bool = True
     """Whether contact and the noise that the setup leaves open are taken from each log."""
 

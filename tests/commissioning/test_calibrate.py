@@ -53,10 +53,15 @@ def faked(monkeypatch):
             shown = (*causes, *(late if readings(logs[0]) == len(LOG.t) else ()))
             found = [cause for cause in shown if cause.effect not in {*setup.effects, *without}]
             return SimpleNamespace(
-                causes=found, terms=(), sentence="nothing is left", verdict="none", tool_stderr=beside
+                causes=found,
+                terms=(),
+                sentence="nothing is left",
+                verdict="none",
+                tool_stderr=beside,
+                model_stderr=None,
             )
 
-        def with_causes(setup, causes, terms=()):
+        def with_causes(setup, causes, terms=(), model_stderr=None):
             return replace(setup, effects={**setup.effects, **{cause.effect: cause.parameters for cause in causes}})
 
         def identify_tool(setup, log, crosstalk=False, bias=False, unchecked=True):

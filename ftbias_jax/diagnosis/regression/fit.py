@@ -1,6 +1,6 @@
 """Fits of one or several hypotheses on whitened innovations, with bias and drift as nuisance."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,8 +23,10 @@ from ftbias_jax.filtering.innovation_regression import widened_inverse
 MOST_ITERATIONS = 12
 ENOUGH = 0.3
 """nats; a step that gains less is the last."""
-DAMPINGS = (0.0, 0.03, 1.0, 100.0)
-"""All tried at once at every step."""
+DAMPINGS = (0.0, 0.03, 1.0, 30.0)
+"""All tried at once at every step, after the first one as multiples of the one that was best before: numbers that can
+stand for each other, such as the stiffness of a cable and where it is fixed, go along a bent valley."""
+LEAST_DAMPING = 1e-6
 LONGEST_STEP = 20.0
 """Typical departures."""
 
@@ -99,13 +101,15 @@ def fit(
         error = _errors(problem, z[None])[0]
     (coefficients,), (error,) = project(error[None])
     cost = _cost(error, z[list(free)], prior_std)
-    first, moving, bounds = cost, None, (problem.layout.least, problem.layout.most)
+    first, moving, damping = cost, None, 1.0
+    bounds = problem.layout.least, problem.layout.most
     for _ in range(most if free and np.isfinite(cost) else 0):
         moving = whitened(problem, slopes(problem, z, free))
         columns = project(moving)[1]
         trials = np.repeat(z[None], len(DAMPINGS), 0)
         least, most_of = (bound[list(free)] for bound in bounds)
-        trials[:, list(free)] = _trials(columns, error, z[list(free)], prior_std, least, most_of)
+        dampings = [damping * factor for factor in DAMPINGS]
+        trials[:, list(free)] = _trials(columns, error, z[list(free)], prior_std, least, most_of, dampings)
         solved, errors = project(_errors(problem, trials))
         costs = [_cost(e, trial[list(free)], prior_std) for e, trial in zip(errors, trials, strict=True)]
         best = int(np.argmin(costs))
@@ -113,7 +117,11 @@ def fit(
         if gained > 0:
             z, cost, coefficients, error = trials[best], costs[best], solved[best], errors[best]
         if gained < max(ENOUGH, enough * (first - cost)):
-            break
+            if damping >= 1.0:
+                break
+            damping = 1.0
+        else:
+            damping = max(dampings[best] or damping, LEAST_DAMPING)
     if moving is None:
         moving = whitened(problem, slopes(problem, z, free)) if free else series[:0]
     # The derivatives are from before the last, short step.
@@ -206,9 +214,15 @@ def _cost(error: np.ndarray, at: np.ndarray, prior_std: np.ndarray) -> float:
 
 
 def _trials(
-    columns: np.ndarray, error: np.ndarray, at: np.ndarray, prior_std: np.ndarray, least: np.ndarray, most: np.ndarray
+    columns: np.ndarray,
+    error: np.ndarray,
+    at: np.ndarray,
+    prior_std: np.ndarray,
+    least: np.ndarray,
+    most: np.ndarray,
+    dampings: Sequence[float],
 ) -> np.ndarray:
-    """(len(DAMPINGS), F) next values of the coordinates ``at`` (F,), none of them outside its bounds.
+    """(D, F) next values of the coordinates ``at`` (F,), none of them outside its bounds.
 
     The derivatives (F, U, 6) are those without what the series can do.
     """
@@ -217,8 +231,8 @@ def _trials(
     # What is at a bound and would leave it stays, or else the others would move as if it did.
     able = np.where(pull > 0, at > least, at < most)
     normal = (flat @ flat.T + np.diag(prior_std**-2))[np.ix_(able, able)]
-    trials: np.ndarray = np.repeat(at[None], len(DAMPINGS), 0)
-    for trial, damping in zip(trials, DAMPINGS, strict=True):
+    trials: np.ndarray = np.repeat(at[None], len(dampings), 0)
+    for trial, damping in zip(trials, dampings, strict=True):
         step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), pull[able])
         trial[able] -= np.clip(step, -LONGEST_STEP, LONGEST_STEP)
     return np.clip(trials, least, most, out=trials)

@@ -21,13 +21,13 @@ from ftbias_jax.io.log import Repair, Repairs
 from ftbias_jax.model.kinematics.recorded_pose import motions_of
 from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.kept_programs import keep_program
-from ftbias_jax.setup.types import ToolSetup
+from ftbias_jax.setup.types import Setup, ToolSetup
 from ftbias_jax.types import Array
 
 POSES = 64
 """Poses that are looked at in each part of a log."""
 NAMES = ("bias_std", "contact_wrench_std", "bias_smooth_std")
-"""Arrays of a result that contain the error of the tool."""
+"""Arrays of a result that contain the errors of tool and effects."""
 EXACT = np.zeros(3)
 """m/s^2: what is not known of accelerations where no accelerometer is used."""
 
@@ -92,21 +92,26 @@ def error_of_tool(wrench_tool: Array, tool: ToolSetup, acceleration_std: Array =
     return np.sqrt(variance)
 
 
-def with_error_of_tool(filtered: Filtered, tool: ToolSetup, acceleration_std: Array = EXACT) -> Filtered:
-    """A result whose error bars contain those of tool and accelerometer, which the filter takes as known."""
-    if tool.mass_std is None and tool.center_of_mass_std is None and not np.any(acceleration_std):
+def with_error_of_model(filtered: Filtered, setup: Setup, acceleration_std: Array = EXACT) -> Filtered:
+    """A result whose error bars contain those of tool, effects and accelerometer, which the filter takes as known."""
+    tool, of_effects = setup.tool, setup.bias.model_std
+    known = tool.mass_std is None and tool.center_of_mass_std is None and of_effects is None
+    if known and not np.any(acceleration_std):
         return filtered
     error = error_of_tool(filtered.wrench_tool, tool, acceleration_std)
-    known: dict[str, Any] = {name: x for name in NAMES if (x := getattr(filtered, name)) is not None}
-    return replace(filtered, **{name: np.hypot(std, error) for name, std in known.items()})
+    error = error if of_effects is None else np.hypot(error, of_effects)
+    shown: dict[str, Any] = {name: x for name in NAMES if (x := getattr(filtered, name)) is not None}
+    return replace(filtered, **{name: np.hypot(std, error) for name, std in shown.items()})
 
 
-def remark_of_tool(tool: ToolSetup) -> Repairs:
-    """What the owner should know about error bars that contain the tool's; () where the setup states none."""
+def remark_of_model(setup: Setup) -> Repairs:
+    """What the owner should know about error bars that contain those of tool and effects; () if the setup has none."""
+    tool, of_effects = setup.tool, setup.bias.model_std
     stated = [f"{tool.mass_std:.2g} kg"] if tool.mass_std is not None else []
     if tool.center_of_mass_std is not None:
         stated.append(f"{' '.join(f'{1e3 * x:.2g}' for x in tool.center_of_mass_std)} mm")
-    if not stated:
-        return ()
-    what = f"the error bars contain what is not known of the tool: standard errors of {' and '.join(stated)}"
-    return (Repair(what),)
+    remarks = [f"of the tool: standard errors of {' and '.join(stated)}"] if stated else []
+    if of_effects is not None and of_effects.any():
+        words = " ".join(f"{x:.2g}" for x in of_effects)
+        remarks.append(f"of the effects: standard errors of {words} N, Nm in the reading")
+    return tuple(Repair(f"the error bars contain what is not known {remark}") for remark in remarks)

@@ -16,7 +16,7 @@ from ftbias_jax.filtering.noise.joint_scatter import remark_of_joints
 from ftbias_jax.filtering.noise.log_noise import remarks_of_noise
 from ftbias_jax.filtering.quality import contacts, observability, summary
 from ftbias_jax.filtering.quality.at_rest import weight_in_bias
-from ftbias_jax.filtering.quality.observability import remark_of_tool, with_error_of_tool
+from ftbias_jax.filtering.quality.observability import remark_of_model, with_error_of_model
 from ftbias_jax.filtering.result import Filtered, join, named_arrays
 from ftbias_jax.filtering.samples import first_position
 from ftbias_jax.filtering.verbs.results import FilterResult, FilterResults, only, require_fields
@@ -177,7 +177,7 @@ def filter_with_setup(
         nonlocal tally, turning, touches
         done = 0
         for found in ready.results:
-            part = with_error_of_tool(found, setup.tool, log.acceleration_std)
+            part = with_error_of_model(found, setup, log.acceleration_std)
             tally, turning = summary.add(tally, part, ready.params.bias), observability.add(turning, ready.params, part)
             touches = contacts.add(touches, ready.noise.contacts, part, log.start)
             done += len(part.t)
@@ -196,7 +196,7 @@ def filter_with_setup(
         params=ready.params,
         noise=ready.noise,
         joint_model=setup.joints.model,
-        repairs=(*log.repairs, *of_tool, *remark_of_tool(setup.tool), *of_noise, *observability.remarks(turning)),
+        repairs=(*log.repairs, *of_tool, *remark_of_model(setup), *of_noise, *observability.remarks(turning)),
         checked=checked,
         start=log.start,
         summary=summary.finish(tally),

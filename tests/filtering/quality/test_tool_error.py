@@ -8,7 +8,7 @@ from small_checks import TABLES
 
 from ftbias_jax.check.motion import arm_motion, data_matrices
 from ftbias_jax.check.regression import stated_tool
-from ftbias_jax.filtering.quality.observability import error_of_tool, remark_of_tool, with_error_of_tool
+from ftbias_jax.filtering.quality.observability import error_of_tool, remark_of_model, with_error_of_model
 from ftbias_jax.filtering.result import ARRAYS, Filtered
 from ftbias_jax.setup import parse_setup
 
@@ -40,11 +40,20 @@ def test_it_is_what_the_standard_errors_make_of_the_weight(setup, wrench_of):
 
 
 def test_a_tool_that_is_known_leaves_the_error_bars_as_they_are(setup, wrench_of):
-    known = replace(setup.tool, mass_std=None, center_of_mass_std=None)
-    filtered = Filtered(**{**dict.fromkeys(ARRAYS, np.ones((8, 6))), "wrench_tool": wrench_of(known)})
-    assert with_error_of_tool(filtered, known) is filtered
-    assert remark_of_tool(known) == ()
-    wide = with_error_of_tool(filtered, setup.tool)
+    known = replace(setup, tool=replace(setup.tool, mass_std=None, center_of_mass_std=None))
+    filtered = Filtered(**{**dict.fromkeys(ARRAYS, np.ones((8, 6))), "wrench_tool": wrench_of(known.tool)})
+    assert with_error_of_model(filtered, known) is filtered
+    assert remark_of_model(known) == ()
+    wide = with_error_of_model(filtered, setup)
     assert all((x > 1.001).any() for x in (wide.bias_std, wide.contact_wrench_std, wide.bias_smooth_std))
     assert wide.drift_smooth_std is filtered.drift_smooth_std
-    assert "standard errors of 0.03 kg and 1 2 4 mm" in remark_of_tool(setup.tool)[0].what
+    assert "standard errors of 0.03 kg and 1 2 4 mm" in remark_of_model(setup)[0].what
+
+
+def test_what_is_not_known_of_effects_is_in_the_error_bars(setup, wrench_of):
+    known = replace(setup.tool, mass_std=None, center_of_mass_std=None)
+    uncertain = replace(setup, tool=known, bias=replace(setup.bias, model_std=np.array([3, 0, 0, 0, 0, 4e-3])))
+    filtered = Filtered(**{**dict.fromkeys(ARRAYS, np.full((8, 6), 4.0)), "wrench_tool": wrench_of(known)})
+    wide = with_error_of_model(filtered, uncertain)
+    np.testing.assert_allclose(wide.bias_std, np.hypot(4.0, np.tile([3, 0, 0, 0, 0, 4e-3], (8, 1))))
+    assert "of the effects: standard errors of 3 0 0 0 0 0.004 N, Nm" in remark_of_model(uncertain)[0].what
