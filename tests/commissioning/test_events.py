@@ -3,9 +3,10 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from ftbias_jax.commissioning.events import is_bias_alone, without_events
+from ftbias_jax.commissioning.events import is_bias_alone, same_causes, without_events
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.fitting import Step, Touches
 from ftbias_jax.setup import parse_setup
@@ -50,3 +51,12 @@ def test_what_the_owner_states_stays():
     assert without_events(given, given) == (given, ())
     further = replace(given, effects={**given.effects, "term": [WAVE, LOAD]})
     assert without_events(further, given)[0].effects == given.effects
+
+
+@pytest.mark.parametrize("further", ["tool_inertia", "mount_translation", "gravity_tilt"])
+def test_causes_are_the_same_whatever_is_said_of_what_a_draft_left_open(further):
+    one = replace(GIVEN, effects={"low_pass": {"cutoff": 3.0}})
+    other = replace(one, effects={**one.effects, further: {}})
+    assert same_causes(one, other, GIVEN) == same_causes(other, one, GIVEN) == (further != "gravity_tilt")
+    stated = replace(GIVEN, sensor=replace(GIVEN.sensor, translation=np.array([0, 0, 0.03])))
+    assert same_causes(one, other, stated) == (further == "tool_inertia")

@@ -66,6 +66,16 @@ def test_the_tool_of_a_draft_is_replaced_where_it_stands(diagnosis):
     assert "ftbias diagnose" in mended.comments["tool.mass"]
 
 
+def test_what_is_not_known_of_the_causes_is_written_for_the_error_bars(diagnosis):
+    """Once more with larger ones: what a second diagnosis finds does not make the first one surer."""
+    of_lag = diagnosis.apply(DRAFTED).bias.model_std
+    np.testing.assert_array_equal(of_lag, diagnosis.model_stderr)
+    assert (of_lag > 0).all()
+    assert (of_lag < TRUE.sensor.noise_std).all()
+    known = replace(DRAFTED, bias=replace(DRAFTED.bias, model_std=np.array([1.0, 0, 0, 0, 0, 1])))
+    np.testing.assert_array_equal(diagnosis.apply(known).bias.model_std, [1.0, *of_lag[1:5], 1.0])
+
+
 @pytest.fixture(scope="module")
 def elsewhere():
     """What a draft does not know: where the sensor sits on the flange, and the tool's inertia."""

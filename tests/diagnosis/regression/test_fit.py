@@ -1,11 +1,19 @@
-"""Fits against plain least squares on the same whitened columns, on made-up problems without a model."""
+"""Fits against plain least squares on the same whitened columns, and the way to the best fit of a cable."""
+
+from dataclasses import replace
 
 import numpy as np
 from small_fits import at_its_best, dense, residual
 
-from ftbias_jax.diagnosis.hypothesis import Hypothesis
+from ftbias_jax.cli.commands.demo import SETUP
+from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_values, at_zero, movable
+from ftbias_jax.diagnosis.problem import make_problem
+from ftbias_jax.diagnosis.regression.chain_model import to_values
 from ftbias_jax.diagnosis.regression.design_matrix import Columns
-from ftbias_jax.diagnosis.regression.fit import first_order, projection
+from ftbias_jax.diagnosis.regression.fit import base, first_order, fit, projection
+from ftbias_jax.model.simulate_log import simulate
+from ftbias_jax.runtime.jax_config import in_float64
+from ftbias_jax.setup import parse_setup
 
 BINS = 50
 
@@ -33,3 +41,19 @@ def test_to_first_order_a_linear_effect_is_fitted_exactly():
     assert found.free == (0, 1, 5, 6, 7)
     assert found.log_likelihood > accepted.log_likelihood
     np.testing.assert_array_equal(found.z[[2, 3, 4]], 0)
+
+
+@in_float64
+def test_numbers_that_can_stand_for_each_other_are_fitted_to_the_end():
+    """Stiffness, length and place of a cable, in a log so quiet that their likelihood is a narrow, bent valley."""
+    stated = parse_setup(SETUP)
+    quiet = replace(stated, sensor=replace(stated.sensor, noise_std=0.1 * stated.sensor.noise_std))
+    true = {"stiffness": 10.0, "rest_length": 0.1, "anchor": [0.2, 0.2, 0.9]}
+    problem, _ = make_problem(quiet, [simulate(quiet, {"cable": true}, duration=20, rate=100, seed=5).log])
+    center, cable = (problem.catalogue[name] for name in ("tool_com", "cable"))
+    far = at_values(problem, cable, stiffness=20.0, rest_length=0.05, anchor=[0.5, 0.1, 0.7])
+    found = fit(problem, (at_zero("tool_com", movable(problem, center)), far), base(problem))
+    again = fit(problem, found.hypotheses, found)
+    assert again.log_likelihood - found.log_likelihood < 0.1
+    values = to_values(problem.parts[0].signals, found.z, catalogue=problem.catalogue)["cable"]
+    np.testing.assert_allclose(values["anchor"], true["anchor"], atol=5e-3)
