@@ -16,7 +16,7 @@ import numpy as np
 from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
 from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.commissioning.drafted import as_uncertain, larger, loosened, with_loose_tool
-from ftbias_jax.commissioning.events import is_bias_alone, same_causes, without_events
+from ftbias_jax.commissioning.events import is_bias_alone, other_causes, same_causes, without_events
 from ftbias_jax.commissioning.judged import Judged, baselines, compare, judge
 from ftbias_jax.commissioning.logs import longest, without_end
 from ftbias_jax.commissioning.result import CALIBRATED, GIVEN, Calibrated, Step, nothing_found
@@ -30,7 +30,6 @@ from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.model.effects.terms.parse import TERM
-from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.runtime.jax_config import in_float64, same_precision
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup import GivenSetup, as_setup
@@ -289,8 +288,7 @@ def _repeated(state: _State, start: Setup, logs: Sequence[Log], names: Sequence[
             else:
                 looked_for |= {TERM} if step.kind == TERMS else {*step.parts}
                 if later != TERMS:
-                    others = {*catalogue_of_setup(setup), TERM} - looked_for
-                    named = diagnose(setup, logs, names, others, unchecked=True)
+                    named = diagnose(setup, logs, names, other_causes(setup, looked_for), unchecked=True)
                     setup, looked_for = with_causes(setup, named.causes, named.terms, named.model_stderr), set()
                     beside = larger(beside, named.tool_stderr)
     except FtbiasError:

@@ -1,6 +1,6 @@
 """What happened in one log, and is no property of its robot: a setup for the logs recorded next has none of it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -40,6 +40,12 @@ def is_bias_alone(found: Diagnosis, steps: Sequence[Step]) -> bool:
     The filter finds that by itself, and predicts no better with it. Whoever identifies the tool needs it all the same.
     """
     return (not found.causes or steps[-1].kept) and all(term.form == WANDER for term in found.terms)
+
+
+def other_causes(setup: Setup, looked_for: Collection[str]) -> set[str]:
+    """Causes of any kind but those, and but for what a draft leaves open."""
+    catalogue = catalogue_of_setup(setup)
+    return {*catalogue, TERM} - {*looked_for, *left_open(setup, catalogue)}
 
 
 def same_causes(one: Setup, other: Setup, draft: Setup) -> bool:

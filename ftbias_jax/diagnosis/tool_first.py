@@ -112,11 +112,9 @@ def stderr_beside(setup: Setup, problem: Problem, accepted: Fit) -> tuple[dict[s
 
 
 def _with_left_open(setup: Setup, problem: Problem, accepted: Fit) -> Fit:
-    of_tool = _of_tool(problem)
-    if not is_draft(setup) or of_tool.keys() & problem.known:
+    if _of_tool(problem).keys() & problem.known:
         return accepted
-    named = {h.effect for h in accepted.hypotheses}
-    others = [name for name in (*of_tool, *_still_open(setup, problem, ())) if name not in named]
+    others = _still_open(setup, problem, {h.effect for h in accepted.hypotheses})
     further = [at_zero(name, movable(problem, problem.catalogue[name])) for name in others]
     return fit(problem, (*accepted.hypotheses, *further), accepted) if further else accepted
 
@@ -164,24 +162,28 @@ def _scales_tool(problem: Problem, effect: Effect) -> bool:
 
 def _of_tool(problem: Problem) -> dict[str, Effect]:
     """Effects of a tool whose mass or centre of mass is not as the setup states."""
-    known = problem.catalogue.items()
-    return {name: effect for name, effect in known if effect.parameters and all(x.stated for x in effect.parameters)}
+    return {name: effect for name, effect in problem.catalogue.items() if _is_of_tool(effect)}
+
+
+def _is_of_tool(effect: Effect) -> bool:
+    return bool(effect.parameters) and all(x.stated for x in effect.parameters)
 
 
 def with_tool(problem: Problem, base: Fit, further: Collection[str] = ()) -> Fit:
     """The nominal model with mass and centre of mass of the tool free, and further effects."""
-    names = (*_of_tool(problem), *further)
+    names = dict.fromkeys((*_of_tool(problem), *further))
     return fit(problem, tuple(at_zero(name, movable(problem, problem.catalogue[name])) for name in names), base)
 
 
 def left_open(setup: Setup, catalogue: Catalogue) -> list[str]:
-    """Effects of what a drafted setup leaves open beside mass and centre of mass: inertia, and the sensor's place.
+    """Effects of what a drafted setup leaves open: the tool's mass, centre of mass and inertia, and the sensor's place.
 
-    Beside a cause both are small, and do to it what another form of it does: its numbers, and the mass, would be off by
-    many standard errors.
+    Beside a cause the last two are small, and do to it what another form of it does: its numbers, and the mass, would
+    be off by many standard errors.
     """
     unmeasured = {name: effect.fit.unmeasured for name, effect in catalogue.items()}
-    return [name for name, is_open in unmeasured.items() if is_open and is_open(setup)]
+    is_open = {name: _is_of_tool(catalogue[name]) or bool(ask and ask(setup)) for name, ask in unmeasured.items()}
+    return [name for name in catalogue if is_open[name] and is_draft(setup)]
 
 
 def _still_open(setup: Setup, problem: Problem, settled: Collection[str]) -> list[str]:
@@ -231,7 +233,7 @@ def _beside_tool(
     causes = accepted.hypotheses[len(of_tool) :]
     for h in of_tool:
         rest = fit(problem, accepted.beside(h), accepted)
-        held = hold_out(accepted, rest.error)
+        held = hold_out(accepted, hold_out(rest, rest.error).error)  # both have as many numbers to get wrong
         unsure = held.nats < SURE * held.nats_by_noise or not _departs(problem, accepted, h)
         if score(accepted, rest) < LEAST_GAIN or unsure:
             accepted, stay = rest, tuple(other for other in stay if other is not h)

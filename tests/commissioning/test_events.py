@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ftbias_jax.commissioning.events import is_bias_alone, same_causes, without_events
+from ftbias_jax.commissioning.events import is_bias_alone, other_causes, same_causes, without_events
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.fitting import Step, Touches
 from ftbias_jax.setup import parse_setup
@@ -53,10 +53,25 @@ def test_what_the_owner_states_stays():
     assert without_events(further, given)[0].effects == given.effects
 
 
+LOOSE = {"mass": 1.0, "center_of_mass": np.zeros(3), "mass_std": 0.3, "center_of_mass_std": np.full(3, 0.03)}
+DRAFT = replace(GIVEN, tool=replace(GIVEN.tool, **LOOSE))
+
+
 @pytest.mark.parametrize("further", ["tool_inertia", "mount_translation", "gravity_tilt"])
 def test_causes_are_the_same_whatever_is_said_of_what_a_draft_left_open(further):
-    one = replace(GIVEN, effects={"low_pass": {"cutoff": 3.0}})
+    one = replace(DRAFT, effects={"low_pass": {"cutoff": 3.0}})
     other = replace(one, effects={**one.effects, further: {}})
-    assert same_causes(one, other, GIVEN) == same_causes(other, one, GIVEN) == (further != "gravity_tilt")
-    stated = replace(GIVEN, sensor=replace(GIVEN.sensor, translation=np.array([0, 0, 0.03])))
-    assert same_causes(one, other, stated) == (further == "tool_inertia")
+    assert same_causes(one, other, DRAFT) == same_causes(other, one, DRAFT) == (further != "gravity_tilt")
+    place_known = replace(DRAFT, sensor=replace(DRAFT.sensor, translation=np.array([0, 0, 0.03])))
+    assert same_causes(one, other, place_known) == (further == "tool_inertia")
+    assert not same_causes(one, other, GIVEN)
+
+
+def test_what_a_draft_left_open_is_open_whatever_is_looked_for():
+    others, left_open = (
+        other_causes(DRAFT, {"low_pass"}),
+        {"tool_mass", "tool_com", "tool_inertia", "mount_translation"},
+    )
+    assert other_causes(GIVEN, {"low_pass"}) - others == left_open
+    assert {"gain", "term"} < others
+    assert "low_pass" not in others
