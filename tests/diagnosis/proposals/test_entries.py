@@ -97,6 +97,17 @@ def test_leaks_of_all_channels_explain_a_log_without_terms():
     assert (off[~np.eye(6, dtype=bool)] < 3).mean() > 0.9
 
 
+@pytest.mark.slow
+def test_leaks_of_all_channels_do_not_take_the_place_of_a_wrong_tool():
+    matrix = np.eye(6) + np.random.default_rng(4).normal(size=(6, 6)) * 0.03 * (ALL - np.eye(6)) / 0.08
+    heavy = replace(TRUE, tool=replace(TRUE.tool, mass=1.14 * TRUE.tool.mass))
+    log = simulate(TRUE, {"crosstalk": {"matrix": matrix}}, duration=30, rate=100, seed=12).log
+    found = {cause.effect: cause for cause in diagnose(heavy, [log]).causes}
+    assert {"crosstalk", "tool_mass"} <= found.keys()
+    mass, stderr = (x["mass"] for x in (found["tool_mass"].parameters, found["tool_mass"].stderr))
+    assert abs(mass - TRUE.tool.mass) < 3.5 * stderr
+
+
 @in_float64
 def test_what_a_form_may_put_into_a_vector_has_no_direction(one_leak):
     problem, _, _, center = one_leak
