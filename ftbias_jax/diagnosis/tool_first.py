@@ -51,28 +51,18 @@ def search_causes(
     alone, and a greedy search does not find the way: where more than one cause was found, or much is left, the
     tool is tried beside them, too, and taken if that explains all, or as much as they do, by fewer numbers.
     """
-    return _with_all_entries(problem, _searched(setup, problem, base, hold_out, without, progress))
-
-
-def _searched(
-    setup: Setup,
-    problem: Problem,
-    base: Fit,
-    hold_out: Judge,
-    without: Collection[str],
-    progress: Callable[[str], None],
-) -> Searched:
     excluded = _of_tool(problem).keys() & {*without, *problem.known}
     drafted = is_draft(setup) and not excluded
     plain = None if drafted else Searched(base, *search(problem, base, hold_out, without, progress))
     least = enough(problem, base)
     if plain and (excluded or (_is_simple(problem, plain.accepted, least) and not _stands_for_tool(problem, plain))):
-        return plain
+        return _with_all_entries(problem, plain)
     progress("trying causes beside a wrong tool")
     further = _still_open(setup, problem, without) if drafted else ()
-    beside = _beside_tool(problem, base, hold_out, without, further)
+    beside = _with_all_entries(problem, _beside_tool(problem, base, hold_out, without, further))
     if plain is None:
         return beside
+    plain = _with_all_entries(problem, plain)
     left, by_plain = (gap_of(problem, one.accepted) for one in (beside, plain))
     closed = left <= max(least, min(by_plain, LEADS**2) if plain.accepted.hypotheses else 0.0)
     better = score(beside.accepted, plain.accepted) > LEAST_GAIN
@@ -87,10 +77,12 @@ def _searched(
 def _with_all_entries(problem: Problem, found: Searched) -> Searched:
     """What was found, with the whole of a matrix of which few entries were, where something is left beside these.
 
-    No other cause has earned its place: then many small leaks are likelier than something that nobody knows.
+    No other cause has earned its place: then many small leaks are likelier than something that nobody knows. With few
+    of them alone, gains would be better than another tool.
     """
     before, count = len(found.start.hypotheses), len(found.accepted.hypotheses)
-    few = entries_of(problem, found.accepted) if len(found.rounds) > count else None
+    is_left = gap_of(problem, found.accepted) > LEAST_SIGMAS**2
+    few = entries_of(problem, found.accepted) if is_left else None
     whole = whole_matrix(problem, found.accepted, few) if few else None
     if not whole or not whole.earned:
         return found

@@ -78,8 +78,9 @@ def test_leaks_of_all_channels_are_told_as_all():
     off = ~np.eye(6, dtype=bool)
     assert (np.abs(told - ALL)[off] < 3 * stderr[off]).mean() > 0.9
     before = Searched(base(problem), found, [[Scored(found, 0.0)], [Scored(found, 0.0)], [Scored(found, 0.0)], []])
-    assert tool_first._with_all_entries(problem, before._replace(rounds=before.rounds[:3])).accepted is found
-    after = tool_first._with_all_entries(problem, before)  # nothing was left to be tried in the last round
+    closed = before._replace(accepted=found._replace(error=np.zeros_like(found.error)))
+    assert tool_first._with_all_entries(problem, closed) is closed
+    after = tool_first._with_all_entries(problem, before)
     assert after.accepted.log_likelihood == whole.fit.log_likelihood
     assert [len(scored) for scored in after.rounds] == [1, 1, 1, 0]
 
