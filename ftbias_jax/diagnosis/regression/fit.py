@@ -27,6 +27,7 @@ DAMPINGS = (0.0, 0.03, 1.0, 30.0)
 """All tried at once at every step, after the first one as multiples of the one that was best before: numbers that can
 stand for each other, such as the stiffness of a cable and where it is fixed, go along a bent valley."""
 LEAST_DAMPING = 1e-6
+"""Below it a damped step is the whole one."""
 LONGEST_STEP = 20.0
 """Typical departures."""
 
