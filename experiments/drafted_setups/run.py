@@ -7,19 +7,16 @@ with that, and its bias compared with the truth. Logs are by ``simulate``: the q
 to error bars loses anything, not whether real causes have the catalogue's forms.
 """
 
-import argparse
-import json
 import sys
 import time
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 import ftbias_jax as ft
-from ftbias_jax.runtime.executors import run_each
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from by_rows import by_rows
 
 ROBOTS = (
     *("panda", "fr3_link8", "iiwa7", "lbr_med7", "xarm7", "gen3", "sawyer"),
@@ -124,24 +121,11 @@ def table(rows):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=24)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--rows", type=Path, help="rows as they come; goes on where it ends")
-    asked = parser.parse_args()
-    kept = asked.rows.read_text().splitlines() if asked.rows and asked.rows.exists() else []
-    rows = [json.loads(line) for line in kept]
-    todo = sorted(set(range(asked.count)) - {row["index"] for row in rows})
-    for _, row in run_each(partial(one, seed=asked.seed), todo, asked.jobs):
-        print(row, flush=True)
-        rows.append(row)
-        if asked.rows:
-            asked.rows.write_text("".join(json.dumps(row) + "\n" for row in rows))
-    rows.sort(key=lambda row: row["index"])
+    """Rows of all robots, and their table."""
+    seed, rows = by_rows(one, __doc__, 24)
     from common import keep  # sets flags of JAX, which the diagnosis is to choose itself
 
-    keep(__file__, {"seed": asked.seed, "table": table(rows), "rows": rows})
+    keep(__file__, {"seed": seed, "table": table(rows), "rows": rows})
 
 
 if __name__ == "__main__":

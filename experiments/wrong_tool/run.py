@@ -6,13 +6,11 @@ of each robot two motions, with the same tool and the same cause. The first is d
 the setup; the second says what that is worth.
 """
 
-import argparse
 import json
 import sys
 import tempfile
 import time
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +19,10 @@ import ftbias_jax as ft
 from ftbias_jax.diagnosis.report.as_json import to_json
 from ftbias_jax.diagnosis.thresholds import LEAST_SIGMAS
 from ftbias_jax.model.effects.catalogue import CATALOGUE
-from ftbias_jax.runtime.executors import run_each
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from by_rows import by_rows
+
 from validation.generator.effects.catalogue import ENTRIES, STATISTICAL
 from validation.generator.effects.effect import Draw, Effect
 from validation.generator.make import Limits, choose_motion, choose_timeline, write_log
@@ -173,24 +172,10 @@ def summary(rows):
 
 def main():
     """Rows of all robots, and their summary."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=60)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--rows", type=Path, help="a file of rows, one a line: goes on where it ends")
-    asked = parser.parse_args()
-    kept = asked.rows.read_text().splitlines() if asked.rows and asked.rows.exists() else []
-    rows = [json.loads(line) for line in kept]
-    todo = sorted(set(range(asked.count)) - {row["index"] for row in rows})
-    for _, row in run_each(partial(one, seed=asked.seed), todo, asked.jobs):
-        print({key: row[key] for key in TOLD}, flush=True)
-        rows.append(row)
-        if asked.rows:
-            asked.rows.write_text("".join(json.dumps(row) + "\n" for row in rows))
-    rows.sort(key=lambda row: row["index"])
+    seed, rows = by_rows(one, __doc__, 60, lambda row: {key: row[key] for key in TOLD})
     from common import keep  # sets flags of JAX, which the diagnosis is to choose itself
 
-    keep(__file__, {"seed": asked.seed, **summary(rows), "rows": rows})
+    keep(__file__, {"seed": seed, **summary(rows), "rows": rows})
 
 
 if __name__ == "__main__":

@@ -20,8 +20,8 @@ def setup_with_causes(diagnosis: Diagnosis, setup: Setup) -> Setup:
 
     Those with values that no setup can state are left out (``refused``). ``Diagnosis.apply`` is this.
     """
-    found, own = diagnosis, diagnosis.own_effects
-    return with_causes(setup.with_effects(own), found.causes, found.terms, found.model_stderr)
+    setup = setup.with_effects(diagnosis.own_effects)
+    return with_causes(setup, diagnosis.causes, diagnosis.terms, diagnosis.model_stderr)
 
 
 def with_causes(
@@ -69,11 +69,11 @@ def _with_tool(setup: Setup, causes: Sequence[Candidate]) -> tuple[Setup, list[C
 
     tool, comments, others = setup.tool, dict(setup.comments), list[Candidate]()
     for cause in causes:
-        stated = {x.name: x.stated for x in catalogue_of_setup(setup)[cause.effect].parameters}
-        known = stated and all(key and getattr(tool, f"{key}_std") is not None for key in stated.values())
-        if not known or cause.effect in setup.effects:
+        effect = catalogue_of_setup(setup)[cause.effect]
+        if not (effect.tool_keys and tool.has_errors(effect.tool_keys)) or cause.effect in setup.effects:
             others.append(cause)
             continue
+        stated = {x.name: x.stated for x in effect.parameters}
         for name, key in stated.items():
             value, stderr = (np.asarray(x[name], float) for x in (cause.parameters, cause.stderr))
             pair = {key: value, f"{key}_std": stderr}.items()

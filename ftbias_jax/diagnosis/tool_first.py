@@ -58,8 +58,8 @@ def search_causes(
     if plain and (excluded or (_is_simple(problem, plain.accepted, least) and not _stands_for_tool(problem, plain))):
         return _with_all_entries(problem, plain)
     progress("trying causes beside a wrong tool")
-    further = _still_open(setup, problem, without) if drafted else ()
-    beside = _with_all_entries(problem, _beside_tool(problem, base, hold_out, without, further))
+    open_names = _still_open(setup, problem, without) if drafted else _of_tool(problem)
+    beside = _with_all_entries(problem, _beside_tool(problem, base, hold_out, without, open_names))
     if plain is None:
         return beside
     plain = _with_all_entries(problem, plain)
@@ -98,17 +98,14 @@ def stderr_beside(setup: Setup, problem: Problem, accepted: Fit) -> tuple[dict[s
     """
     beside = _with_left_open(setup, problem, accepted)
     of_tool = {} if _of_tool(problem).keys() & problem.known else _stderr_of_tool(setup, problem, beside)
-    stated = {key for key in ("mass", "center_of_mass") if getattr(setup.tool, f"{key}_std") is not None}
-    given = [name for name, effect in _of_tool(problem).items() if {x.stated for x in effect.parameters} <= stated]
+    given = [name for name, effect in _of_tool(problem).items() if setup.tool.has_errors(effect.tool_keys)]
     return of_tool, stderr_of_reading(problem, beside, given)
 
 
 def _with_left_open(setup: Setup, problem: Problem, accepted: Fit) -> Fit:
     if _of_tool(problem).keys() & problem.known:
         return accepted
-    others = _still_open(setup, problem, {h.effect for h in accepted.hypotheses})
-    further = [at_zero(name, movable(problem, problem.catalogue[name])) for name in others]
-    return fit(problem, (*accepted.hypotheses, *further), accepted) if further else accepted
+    return _freed(problem, accepted, _still_open(setup, problem, {h.effect for h in accepted.hypotheses}))
 
 
 def _stderr_of_tool(setup: Setup, problem: Problem, beside: Fit) -> dict[str, np.ndarray]:
@@ -154,28 +151,31 @@ def _scales_tool(problem: Problem, effect: Effect) -> bool:
 
 def _of_tool(problem: Problem) -> dict[str, Effect]:
     """Effects of a tool whose mass or centre of mass is not as the setup states."""
-    return {name: effect for name, effect in problem.catalogue.items() if _is_of_tool(effect)}
+    return {name: effect for name, effect in problem.catalogue.items() if effect.tool_keys}
 
 
-def _is_of_tool(effect: Effect) -> bool:
-    return bool(effect.parameters) and all(x.stated for x in effect.parameters)
+def with_tool(problem: Problem, base: Fit) -> Fit:
+    """The nominal model with mass and centre of mass of the tool free."""
+    return _freed(problem, base, _of_tool(problem))
 
 
-def with_tool(problem: Problem, base: Fit, further: Collection[str] = ()) -> Fit:
-    """The nominal model with mass and centre of mass of the tool free, and further effects."""
-    names = dict.fromkeys((*_of_tool(problem), *further))
-    return fit(problem, tuple(at_zero(name, movable(problem, problem.catalogue[name])) for name in names), base)
+def _freed(problem: Problem, found: Fit, names: Collection[str]) -> Fit:
+    """A fit with further effects free, none of which it has."""
+    further = [at_zero(name, movable(problem, problem.catalogue[name])) for name in names]
+    return fit(problem, (*found.hypotheses, *further), found) if further else found
 
 
 def left_open(setup: Setup, catalogue: Catalogue) -> list[str]:
     """Effects of what a drafted setup leaves open: the tool's mass, centre of mass and inertia, and the sensor's place.
 
-    Beside a cause the last two are small, and do to it what another form of it does: its numbers, and the mass, would
-    be off by many standard errors.
+    Mass and centre of mass come first. Beside a cause the last two are small, and do to it what another form of it
+    does: its numbers, and the mass, would be off by many standard errors.
     """
+    if not is_draft(setup):
+        return []
     unmeasured = {name: effect.fit.unmeasured for name, effect in catalogue.items()}
-    is_open = {name: _is_of_tool(catalogue[name]) or bool(ask and ask(setup)) for name, ask in unmeasured.items()}
-    return [name for name in catalogue if is_open[name] and is_draft(setup)]
+    of_tool = [name for name, effect in catalogue.items() if effect.tool_keys]
+    return of_tool + [name for name, is_open in unmeasured.items() if is_open and is_open(setup)]
 
 
 def _still_open(setup: Setup, problem: Problem, settled: Collection[str]) -> list[str]:
@@ -213,13 +213,13 @@ def _departs(problem: Problem, found: Fit, h: Hypothesis) -> bool:
 
 
 def _beside_tool(
-    problem: Problem, base: Fit, hold_out: Judge, without: Collection[str], further: Collection[str]
+    problem: Problem, base: Fit, hold_out: Judge, without: Collection[str], open_names: Collection[str]
 ) -> Searched:
-    """Causes found with the tool free, and further effects; of these stays what is worth its numbers beside them.
+    """Causes found with the tool free, and what else is open; of these stays what is worth its numbers beside them.
 
     It must also hold in blocks that are left out: what other causes put into the tool does not.
     """
-    free = with_tool(problem, base, further)
+    free = _freed(problem, base, open_names)
     of_tool = stay = free.hypotheses
     accepted, rounds = search(problem, free, hold_out, without)
     causes = accepted.hypotheses[len(of_tool) :]

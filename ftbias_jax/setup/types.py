@@ -6,7 +6,7 @@ Equality is identity, because arrays do not compare to one truth value.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -111,6 +111,10 @@ class ToolSetup:
         """The keys of [tool] that the setup does not state, although a prediction of the wrench needs them."""
         stated = {"mass": np.isfinite(self.mass), "center_of_mass": np.isfinite(self.center_of_mass).all()}
         return tuple(key for key, is_stated in stated.items() if not is_stated)
+
+    def has_errors(self, keys: Iterable[str]) -> bool:
+        """Whether the setup states standard errors of all these keys of [tool]."""
+        return all(getattr(self, f"{key}_std") is not None for key in keys)
 
 
 def sign_of(reports: str) -> float:

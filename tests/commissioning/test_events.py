@@ -68,10 +68,8 @@ def test_causes_are_the_same_whatever_is_said_of_what_a_draft_left_open(further)
 
 
 def test_what_a_draft_left_open_is_open_whatever_is_looked_for():
-    others, left_open = (
-        other_causes(DRAFT, {"low_pass"}),
-        {"tool_mass", "tool_com", "tool_inertia", "mount_translation"},
-    )
+    others = other_causes(DRAFT, {"low_pass"})
+    left_open = {"tool_mass", "tool_com", "tool_inertia", "mount_translation"}
     assert other_causes(GIVEN, {"low_pass"}) - others == left_open
     assert {"gain", "term"} < others
     assert "low_pass" not in others

@@ -201,6 +201,12 @@ class Effect(NamedTuple):
         """Where it acts: "model", "wrench" or "record"."""
         return "model" if self.transform else "wrench" if self.reading else "record"
 
+    @property
+    def tool_keys(self) -> tuple[str, ...]:
+        """Keys of [tool] that state its parameters, in their order; () = not all of them are stated there."""
+        keys = tuple(parameter.stated for parameter in self.parameters)
+        return keys if all(keys) else ()
+
     def parameter(self, name: str) -> Parameter:
         """The parameter of that name."""
         return next(parameter for parameter in self.parameters if parameter.name == name)

@@ -1,0 +1,34 @@
+"""Experiments that make one row of each index, in processes, and go on where a file of rows ends."""
+
+import argparse
+import json
+from functools import partial
+from pathlib import Path
+
+from ftbias_jax.runtime.executors import run_each
+
+
+def by_rows(one, doc, count, show=lambda row: row):
+    """The seed that was asked for on the command line, and rows in the order of their indices.
+
+    Args:
+        one: (index, seed) -> a row, a dict with its "index".
+        doc: for ``--help``.
+        count: of rows, unless ``--count`` says otherwise.
+        show: what is printed of a row once it is there.
+    """
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=count)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--rows", type=Path, help="a file of rows, one a line: goes on where it ends")
+    asked = parser.parse_args()
+    kept = asked.rows.read_text().splitlines() if asked.rows and asked.rows.exists() else []
+    rows = [json.loads(line) for line in kept]
+    todo = sorted(set(range(asked.count)) - {row["index"] for row in rows})
+    for _, row in run_each(partial(one, seed=asked.seed), todo, asked.jobs):
+        print(show(row), flush=True)
+        rows.append(row)
+        if asked.rows:
+            asked.rows.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    return asked.seed, sorted(rows, key=lambda row: row["index"])
