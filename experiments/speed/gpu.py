@@ -36,7 +36,7 @@ MOST = {"method": 1000}
 LOGS, SECONDS, DIFFERENT = 300, 10.0, 20
 OPTIONS = pipeline.DEFAULT_OPTIONS
 LAYOUT = ft.layout_of(np.r_[0.0, np.full(LENGTH - 1, RATE)])
-TIME_LIMIT = 1200
+TIME_LIMIT = 330
 """s; what a device has not done by then is left out."""
 
 
@@ -119,6 +119,9 @@ def of_device():
         print(PLATFORM, key, found[key], flush=True)
         (Path(FOLDER) / f"{PLATFORM}.json").write_text(json.dumps(found))
 
+    files = np.load(Path(FOLDER) / "logs.npz")
+    logs = [ft.Log.from_arrays(common.SETUP, *(files[f"{x}{i}"] for x in ("t", "q", "w"))) for i in range(DIFFERENT)]
+    note(f"filter_log, {LOGS} logs", of_verb, (logs * (LOGS // DIFFERENT)))
     for dtype in (jnp.float64, jnp.float32):
         params, few = cast((PARAMS, made), dtype)
         for name in CONTESTANTS:
@@ -126,9 +129,6 @@ def of_device():
                 if count <= MOST.get(name, count):
                     bits = jnp.dtype(dtype).name
                     note(f"{name}, {bits}, {count} logs", measured, name, bits, count, params, few)
-    files = np.load(Path(FOLDER) / "logs.npz")
-    logs = [ft.Log.from_arrays(common.SETUP, *(files[f"{x}{i}"] for x in ("t", "q", "w"))) for i in range(DIFFERENT)]
-    note(f"filter_log, {LOGS} logs", of_verb, (logs * (LOGS // DIFFERENT)))
 
 
 def difference(name, dtype, folder):
