@@ -27,8 +27,8 @@ MOUNTING_STD, GRAVITY_STD = 0.3, 0.1
 LEVER_STD = 0.5
 """m, prior of the distance at which a sensor turns whose position is not recorded: that of the joints of an arm. What
 accelerates it there goes with its orientation, and would be taken for weight."""
-OF_LEVER = slice(16, 19)
-"""Coordinates of a fit: behind the tool and two rotations."""
+OF_GRAVITY, OF_LEVER = slice(13, 16), slice(16, 19)
+"""Coordinates of a fit: behind the tool and the turn of the sensor."""
 KEPT = "not determined by this motion, kept"
 PULLED = "not determined by this motion, as near to the setup as the others let it"
 NO_BETTER = "predicts unseen blocks no better than the setup's, kept"
@@ -165,10 +165,9 @@ def _identified(
     remarks = tuple(_remark(name, found, open_) for name in NAMES)
     kept = np.array([remark in (KEPT, NO_BETTER) for remark in remarks])
     values, stderr = np.where(kept, stated, values), np.where(kept, np.nan, stderr)
-    down, slope_of_down = (np.asarray(x) for x in _gravity_and_slope(params, jnp.asarray(linear.at)))
+    down, to_down = (np.asarray(x) for x in _gravity_and_slope(params.gravity, jnp.asarray(linear.at[OF_GRAVITY])))
     rotation_stderr = np.sqrt(np.diag(covariance)[10:13])
-    to_down = slope_of_down[:, 13:16]
-    gravity_stderr = np.sqrt(np.diag(to_down @ covariance[13:16, 13:16] @ to_down.T))
+    gravity_stderr = np.sqrt(np.diag(to_down @ covariance[OF_GRAVITY, OF_GRAVITY] @ to_down.T))
     unexcited = [name for name, remark in zip(NAMES, remarks, strict=True) if remark in (KEPT, PULLED)]
     if mounting:
         unexcited += [
@@ -236,17 +235,17 @@ def _moved(params: Params, z: Array) -> Params:
     arm = params.arm._replace(zero_rotation=params.arm.zero_rotation @ rotation_from_vector(z[10:13]))
     if z.shape[0] > OF_LEVER.start:
         arm = arm._replace(zero_position=arm.zero_position + z[OF_LEVER])
-    return params._replace(arm=arm, gravity=rotation_from_vector(z[13:16]) @ params.gravity, theta=z[:10])
+    return params._replace(arm=arm, gravity=_turned_gravity(params.gravity, z[OF_GRAVITY]), theta=z[:10])
+
+
+def _turned_gravity(gravity: Array, turn: Array) -> Array:
+    return rotation_from_vector(turn) @ gravity
 
 
 @keep_program()
-def _gravity_and_slope(params: Params, z: Array) -> tuple[Array, Array]:
-    """(3,) m/s^2 and (3, P)."""
-
-    def gravity(z: Array) -> Array:
-        return _moved(params, z).gravity
-
-    return gravity(z), jax.jacfwd(gravity)(z)
+def _gravity_and_slope(gravity: Array, turn: Array) -> tuple[Array, Array]:
+    """(3,) m/s^2 turned by a rotation vector, and (3, 3) its derivative with respect to that."""
+    return _turned_gravity(gravity, turn), jax.jacfwd(_turned_gravity, argnums=1)(gravity, turn)
 
 
 def _cost(linear: Linear) -> float:

@@ -35,6 +35,8 @@ WITHIN = 1.96
 """Standard deviations of a 95 % interval."""
 TARE = 0.5
 """s at the start of a log, of which the mean is a held tare."""
+SETUPS = 6
+"""Which are judged on the way from a draft to its calibration, about."""
 HELD_TARE, CONSTANT = f"tare of the first {TARE} s", "constant bias"
 """What needs no filter."""
 
@@ -108,7 +110,7 @@ def judge(setup: Setup, logs: Sequence[Log], hold_out: float) -> Judged:
         logs: as ``read_log`` gives them.
         hold_out: share at the end of each that counts.
     """
-    with compiled_for_few_calls(sum(len(log.t) for log in logs)):
+    with compiled_for_few_calls(SETUPS * sum(len(log.t) for log in logs)):
         return _joined([_of_end(filter_log(setup, log, unchecked=True), log, hold_out) for log in logs])
 
 
