@@ -11,7 +11,7 @@ import numpy as np
 from ftbias_jax.diagnosis.evidence.estimates import rows_of
 from ftbias_jax.diagnosis.hypothesis import Change, Event, Found, Hypothesis, Slow, search_of, searched_by
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.regression.design_matrix import change
+from ftbias_jax.diagnosis.regression.design_matrix import change, channels_first
 from ftbias_jax.diagnosis.regression.evaluate import readings, sensor_axes, whitened, whitened_single
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import gains, stand
@@ -41,7 +41,7 @@ class Library(NamedTuple):
     """Effect -> (S, U, 6), the same series in every channel."""
     events: list[Event]
     events_white: np.ndarray
-    """(E, U, 6) pulses."""
+    """(6, E, U) pulses, channels first."""
 
 
 def make_library(problem: Problem) -> Library:
@@ -64,7 +64,8 @@ def make_library(problem: Problem) -> Library:
     ]
     series = {name: found for name, found in series.items() if found}
     white = {name: alike(problem, [h.shapes[0] for h in found]) for name, found in series.items()}
-    return Library(series, white, events, alike(problem, [pulse(problem, event) for event in events]))
+    pulses = alike(problem, [pulse(problem, event) for event in events])
+    return Library(series, white, events, channels_first(pulses))
 
 
 def between_steps(duration: float) -> float:

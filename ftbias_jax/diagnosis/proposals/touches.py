@@ -59,14 +59,15 @@ def _gain(accepted: Fit, series: np.ndarray) -> float:
 def _pursue(library: Library, error: np.ndarray) -> list[Event]:
     """The pulses that gain most, one after the other, of innovations (U, 6)."""
     white, events = library.events_white, list[Event]()
-    power = np.maximum(np.einsum("cuk,cuk->ck", white, white), 1e-6)
+    power = np.maximum(np.square(white).sum(2), 1e-6)
+    left = error.T.astype(white.dtype)
     for _ in range(thresholds.MOST_EVENTS):
-        along = np.einsum("cuk,uk->ck", white, error)
-        gain = (along**2 / power / 2).sum(1)
+        along = (white @ left[:, :, None])[..., 0]
+        gain = (along**2 / power / 2).sum(0)
         best = int(gain.argmax())
         if gain[best] < thresholds.LEAST_EVENT:
             break
-        error = error - (along[best] / power[best]) * white[best]
+        left = left - (along[:, best] / power[:, best])[:, None] * white[:, best]
         events.append(library.events[best])
     return events
 

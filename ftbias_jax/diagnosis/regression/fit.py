@@ -102,10 +102,10 @@ def fit(
         error = _errors(problem, z[None])[0]
     (coefficients,), (error,) = project(error[None])
     cost = _cost(error, z[list(free)], prior_std)
-    first, moving, damping = cost, None, 1.0
+    first, moving, damping, known = cost, None, 1.0, _known(start, hypotheses)
     bounds = problem.layout.least, problem.layout.most
     for _ in range(most if free and np.isfinite(cost) else 0):
-        moving = whitened(problem, slopes(problem, z, free))
+        moving = _moving(problem, z, free, known)
         columns = project(moving)[1]
         trials = np.repeat(z[None], len(DAMPINGS), 0)
         least, most_of = (bound[list(free)] for bound in bounds)
@@ -118,13 +118,14 @@ def fit(
         if gained > 0:
             z, cost, coefficients, error = trials[best], costs[best], solved[best], errors[best]
         if gained < max(ENOUGH, enough * (first - cost)):
-            if damping >= 1.0:
+            if damping >= 1.0 and not known:
                 break
             damping = 1.0
         else:
             damping = max(dampings[best] or damping, LEAST_DAMPING)
+        known = {}
     if moving is None:
-        moving = whitened(problem, slopes(problem, z, free)) if free else series[:0]
+        moving = _moving(problem, z, free, {}) if free else series[:0]
     # The derivatives are from before the last, short step.
     return Fit(hypotheses, z, coefficients, error, Columns(moving, series), free, _log_likelihood(error))
 
@@ -169,6 +170,20 @@ def _errors(problem: Problem, z: np.ndarray) -> np.ndarray:
     error = whitened(problem, np.where(sound[:, None, None], made, 0) - np.nan_to_num(measured(problem)))
     error[~sound] = np.nan
     return error
+
+
+def _known(start: Fit, hypotheses: tuple[Hypothesis, ...]) -> dict[int, np.ndarray]:
+    """Derivatives (U, 6) by coordinates of hypotheses that a fit has, too: good enough for a first step from there."""
+    there = {id(h) for h in start.hypotheses}
+    shared = {i for h in hypotheses if id(h) in there for i in h.free}
+    return {i: column for i, column in zip(start.free, start.columns.moving, strict=True) if i in shared}
+
+
+def _moving(problem: Problem, z: np.ndarray, free: tuple[int, ...], known: dict[int, np.ndarray]) -> np.ndarray:
+    """(F, U, 6) whitened derivatives by the free coordinates, those that are known as they are."""
+    others = [i for i in free if i not in known]
+    made = dict(zip(others, whitened(problem, slopes(problem, z, others)), strict=True)) if others else {}
+    return np.stack([known[i] if i in known else made[i] for i in free])
 
 
 def _series(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit) -> np.ndarray:
