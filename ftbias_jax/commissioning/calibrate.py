@@ -16,10 +16,23 @@ import numpy as np
 from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
 from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.commissioning.drafted import as_uncertain, larger, loosened, with_loose_tool
-from ftbias_jax.commissioning.events import is_bias_alone, other_causes, same_causes, without_events
+from ftbias_jax.commissioning.events import is_bias_alone, without_events
 from ftbias_jax.commissioning.judged import Judged, baselines, compare, judge
 from ftbias_jax.commissioning.logs import longest, without_end
-from ftbias_jax.commissioning.result import CALIBRATED, GIVEN, Calibrated, Step, nothing_found
+from ftbias_jax.commissioning.repeat import repeat
+from ftbias_jax.commissioning.result import (
+    CALIBRATED,
+    CAUSES,
+    CHANNELS,
+    FIRST,
+    GIVEN,
+    NOISE,
+    TERMS,
+    TOOL,
+    Calibrated,
+    Step,
+    nothing_found,
+)
 from ftbias_jax.diagnosis.apply import with_causes
 from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead, programs_of_search
@@ -29,22 +42,20 @@ from ftbias_jax.io import GivenLog, as_logs, names_of
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.statements import value_words
-from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.runtime.jax_config import in_float64, same_precision
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup import GivenSetup, as_setup
 from ftbias_jax.setup.types import COMPENSATED, Setup, ToolSetup
 from ftbias_jax.types import Array
 
-CAUSES, TERMS, TOOL, CHANNELS, NOISE = "causes", "terms", "tool", "gains and crosstalk", "noise"
-FIRST = "tool, first"
-"""Kinds of steps."""
 QUIETER = 3.0
 """Factor by which the unseen accelerations of a pose log are tried smaller, or larger."""
 LOUDEST = 3.0
 """m/s^2: no arm accelerates as much for long."""
 NEGLIGIBLE = 1e-4
 """Of errors: noise that makes them smaller by less is not tried smaller, or larger, still."""
+WORKERS = 2
+"""Threads beside the one that judges."""
 ROUNDS = 3
 """Of diagnosis and identification; most logs show nothing more after the first."""
 
@@ -58,8 +69,14 @@ class _Road(NamedTuple):
     names: Sequence[str]
     hold_out: float
     progress: Callable[[str], None]
+    again: Callable[["_State"], Setup | None]
+    """Repeats the steps that were kept with all of the logs."""
     worker: ThreadPoolExecutor
-    """For what is needed next if the step that is judged meanwhile is kept."""
+    """For what is needed next if the step that is judged meanwhile is kept, or if nothing more is found."""
+
+    def repeated_ahead(self, state: "_State") -> tuple[Setup, Future[Setup | None]]:
+        """Begin to repeat what was kept up to a setup."""
+        return state.setup, self.worker.submit(self.again, state)
 
     def tool_ahead(self, setup: Setup) -> tuple[Setup, Future[IdentifyResult]]:
         """Begin to identify the tool of a setup."""
@@ -81,6 +98,8 @@ class _State(NamedTuple):
     causes as they were found is as uncertain as they are."""
     ahead: tuple[Setup, Future[IdentifyResult]] | None = None
     """A setup, and the tool that is being identified with it."""
+    repeated: tuple[Setup, Future[Setup | None]] | None = None
+    """A setup, and what is being found where all up to it is repeated."""
 
     @property
     def unmoved(self) -> ToolSetup | None:
@@ -133,8 +152,13 @@ def calibrate(
     whole, names = [clean(log) for log in logs], names or names_of(logs)
     require_right(setup, whole, "calibrate", unchecked)
     begun, start = [without_end(log, hold_out) for log in logs], with_loose_tool(setup)
-    with ThreadPoolExecutor(1) as worker:
-        first, state = _walked(_Road(whole, begun, names, hold_out, progress, worker), setup, start)
+
+    def again(state: _State) -> Setup | None:
+        return repeat(state.steps, start, state.setup, logs, names, state.unmoved is not None)
+
+    with ThreadPoolExecutor(WORKERS) as worker:
+        first, state = _walked(_Road(whole, begun, names, hold_out, progress, again, worker), setup, start)
+    ahead = state.repeated[1] if state.repeated is not None and state.repeated[0] is state.setup else None
     if state.unmoved is not None:
         state = state._replace(setup=as_uncertain(replace(state.setup, tool=state.unmoved), state.beside))
     rows = {GIVEN: first.judged} | ({CALIBRATED: state.judged} if state.setup is not start else {})
@@ -142,7 +166,7 @@ def calibrate(
     final = replace(state.setup, tool=setup.tool) if state.setup.tool is start.tool else state.setup
     if state.setup is not start:
         progress("repeating what was kept with all of the logs")
-        repeated = _repeated(state, start, logs, names)
+        repeated = ahead.result() if ahead is not None else again(state)
         if repeated is not None and not compare(judge(repeated, whole, hold_out), state.judged).is_worse:
             final = repeated
     final, events = without_events(final, setup)
@@ -166,8 +190,10 @@ def _walked(road: _Road, setup: Setup, start: Setup) -> tuple[_State, _State]:
         if tool_first:
             state = _with_tool(state, road, (FIRST,))
     identified, rest = None, (CHANNELS,) if has_tool else ()
-    for _ in range(ROUNDS):
+    for i in range(ROUNDS):
         before = state.setup
+        if i:  # most logs show nothing more
+            state = state._replace(repeated=road.repeated_ahead(state))
         state = _with_causes(state, road)
         if state.setup is not identified:
             state = _with_tool(state, road, (TOOL,) if has_tool else ())
@@ -272,27 +298,3 @@ def _tried(state: _State, road: _Road, step: Step, setup: Setup, unless_worse: b
 
 def _refused(state: _State, kind: str, name: str, why: str) -> _State:
     return state._replace(steps=(*state.steps, Step(kind, name, False, why)))
-
-
-def _repeated(state: _State, start: Setup, logs: Sequence[Log], names: Sequence[str]) -> Setup | None:
-    """The steps that were kept with all of the logs; None if these do not show the same causes."""
-    setup, looked_for, kept = start, set[str](), [step for step in state.steps if step.kept]
-    beside: Mapping[str, Array] = {}
-    try:
-        for step, later in zip(kept, [*(step.kind for step in kept[1:]), ""], strict=True):
-            if step.kind in (FIRST, TOOL, CHANNELS):
-                found = identify_tool(setup, longest(logs), crosstalk=step.kind == CHANNELS, unchecked=True).setup
-                setup = loosened(found, setup) if step.kind == FIRST else as_uncertain(found, beside)
-            elif step.kind == NOISE:
-                setup = replace(setup, pose=state.setup.pose)
-            else:
-                looked_for |= {TERM} if step.kind == TERMS else {*step.parts}
-                if later != TERMS:
-                    named = diagnose(setup, logs, names, other_causes(setup, looked_for), unchecked=True)
-                    setup, looked_for = with_causes(setup, named.causes, named.terms, named.model_stderr), set()
-                    beside = larger(beside, named.tool_stderr)
-    except FtbiasError:
-        return None
-    if state.unmoved is not None:
-        setup = as_uncertain(replace(setup, tool=found.tool), beside)
-    return setup if same_causes(setup, state.setup, start) else None

@@ -22,6 +22,9 @@ from ftbias_jax.setup.save import write_text
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES
 
+CAUSES, TERMS, TOOL, CHANNELS, NOISE = "causes", "terms", "tool", "gains and crosstalk", "noise"
+FIRST = "tool, first"
+"""Kinds of steps."""
 GIVEN, CALIBRATED = "setup as given", "calibrated"
 """Rows of the errors that are of a filter."""
 HOW_TO_READ = (
@@ -37,7 +40,7 @@ class Step:
     """Something that was tried."""
 
     kind: str
-    """"causes", "terms", "tool", "gains and crosstalk", "noise" or "tool, first"."""
+    """One of those above."""
     name: str
     kept: bool
     why: str

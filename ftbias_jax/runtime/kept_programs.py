@@ -67,7 +67,8 @@ class KeptProgram:
 
     def _program(self, leaves: list[Any], tree: Any, static: dict[str, Any]) -> Callable[..., Any]:
         shapes = shapes_of(leaves)
-        fast, asked = ((tree, shapes, tuple(static.items()), is_wide(), x, on_cpu()) for x in (MANY_CALLS, _level.get()))
+        told = tree, shapes, tuple(static.items()), is_wide(), on_cpu()
+        fast, asked = ((*told, level) for level in (MANY_CALLS, _level.get()))
         with self._lock:
             key = fast if fast in self._ready else asked
             mine = key not in self._ready

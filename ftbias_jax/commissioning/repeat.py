@@ -1,0 +1,52 @@
+"""The steps that were kept on the way to a setup, repeated with all of the logs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from ftbias_jax.calibration.identify_tool import identify_tool
+from ftbias_jax.commissioning.drafted import as_uncertain, larger, loosened
+from ftbias_jax.commissioning.events import other_causes, same_causes
+from ftbias_jax.commissioning.logs import longest
+from ftbias_jax.commissioning.result import CHANNELS, FIRST, NOISE, TERMS, TOOL, Step
+from ftbias_jax.diagnosis.apply import with_causes
+from ftbias_jax.diagnosis.diagnose import diagnose
+from ftbias_jax.errors import FtbiasError
+from ftbias_jax.io.log import Log
+from ftbias_jax.model.effects.terms.parse import TERM
+from ftbias_jax.setup.types import Setup
+from ftbias_jax.types import Array
+
+
+def repeat(
+    steps: Sequence[Step], start: Setup, reached: Setup, logs: Sequence[Log], names: Sequence[str], first_tool: bool
+) -> Setup | None:
+    """The steps that were kept with all of the logs; None if these do not show the same causes.
+
+    Args:
+        steps: on the way; those that were refused are left out.
+        start: where it began.
+        reached: where it ended, with parts of the logs.
+        logs: whole, as they were given.
+        names: of the logs.
+        first_tool: take the tool as it was identified last, whatever causes did to it.
+    """
+    setup, looked_for, kept = start, set[str](), [step for step in steps if step.kept]
+    beside: Mapping[str, Array] = {}
+    try:
+        for step, later in zip(kept, [*(step.kind for step in kept[1:]), ""], strict=True):
+            if step.kind in (FIRST, TOOL, CHANNELS):
+                found = identify_tool(setup, longest(logs), crosstalk=step.kind == CHANNELS, unchecked=True).setup
+                setup = loosened(found, setup) if step.kind == FIRST else as_uncertain(found, beside)
+            elif step.kind == NOISE:
+                setup = replace(setup, pose=reached.pose)
+            else:
+                looked_for |= {TERM} if step.kind == TERMS else {*step.parts}
+                if later != TERMS:
+                    named = diagnose(setup, logs, names, other_causes(setup, looked_for), unchecked=True)
+                    setup, looked_for = with_causes(setup, named.causes, named.terms, named.model_stderr), set()
+                    beside = larger(beside, named.tool_stderr)
+    except FtbiasError:
+        return None
+    if first_tool:
+        setup = as_uncertain(replace(setup, tool=found.tool), beside)
+    return setup if same_causes(setup, reached, start) else None
