@@ -1,4 +1,4 @@
-"""The method over a whole log (docs/pages/model.md) as one program of pure functions.
+"""The method over a whole log (docs/pages/model.md) as one pure function.
 
 ``METHOD`` names its passes in their order; each takes the log as far as it is known and adds to it. ``AS_STATED`` is
 the filter as it would run on a robot: joints from the past alone, noise as the setup states it.
@@ -14,10 +14,10 @@ from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.likelihood import measured_length
 from ftbias_jax.filtering.method import joints, passes
-from ftbias_jax.filtering.method.work import Infos, States, Work
+from ftbias_jax.filtering.method.work import Infos, Joints, States, Work
 from ftbias_jax.filtering.noise.blocks import LEAST_BLOCKS, Layout, layout_of
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS, Options
-from ftbias_jax.model.params import Params
+from ftbias_jax.model.params import JointNoise, Params
 from ftbias_jax.runtime.compiled_loops import log_by_log_with_slopes, running_sum
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Sample
@@ -39,7 +39,10 @@ def filter_samples(
     method: tuple[str, ...] = METHOD,
     layout: Layout | None = None,
 ) -> tuple[Params, States, Infos]:
-    """Filter a log, as ``filter_log`` does: one program, to be mapped over logs and differentiated.
+    """Filter a log, as ``filter_log`` does: a pure function, to be compiled, mapped over logs and differentiated.
+
+    Called by itself it is two programs: the second one, of noise and bias, knows no effects, so that it need not be
+    compiled for each of these.
 
     Args:
         params: as ``params_for_log(guarded=False)`` gives them; differentiable in every leaf (``jax.grad``, not
@@ -60,7 +63,12 @@ def filter_samples(
             message = "is not given, and inside jax.jit, jax.vmap or jax.grad it cannot be read off the samples"
             raise UsageError(message, field="layout", remedy="give layout_of(dt) of one log")
         layout = layout_of(np.asarray(samples.dt))
-    return _filter(params, samples, options=options, method=method_for(samples, method, layout), layout=layout)
+    method, told = method_for(samples, method, layout), {"options": options, "layout": layout}
+    of_joints = tuple(name for name in method if PASSES[name] in OF_JOINTS)
+    joint, known = _know_joints(params, samples, method=of_joints, **told)
+    rest, what_follows = params._replace(joint=joint, effects=None), samples._replace(temperature=None, columns=None)
+    found, states, infos = _know_bias(rest, what_follows, known, method=method[len(of_joints) :], **told)
+    return found._replace(effects=params.effects), states, infos
 
 
 @partial(jax.jit, static_argnames=("options", "method", "layout"))
@@ -68,7 +76,7 @@ def filter_each(
     params: Params, samples: Sample, *, options: Options, method: tuple[str, ...], layout: Layout
 ) -> tuple[Params, States, Infos]:
     """``filter_samples`` of many logs as one program, where all leaves have one more axis in front."""
-    return jax.vmap(partial(_filter, options=options, method=method, layout=layout))(params, samples)
+    return jax.vmap(partial(filter_samples, options=options, method=method, layout=layout))(params, samples)
 
 
 def method_for(samples: Sample, method: tuple[str, ...], layout: Layout) -> tuple[str, ...]:
@@ -79,14 +87,35 @@ def method_for(samples: Sample, method: tuple[str, ...], layout: Layout) -> tupl
 
 
 @keep_program("options", "method", "layout")
-def _filter(
+def _know_joints(
     params: Params, samples: Sample, *, options: Options, method: tuple[str, ...], layout: Layout
-) -> tuple[Params, States, Infos]:
-    def one(params: Params, samples: Sample) -> tuple[Params, States, Infos]:
-        start = pipeline.init(params, samples)._replace(bias=None)
-        work = Work(params, start, samples, running_sum(samples.dt), measured_length(samples), layout, options)
-        for name in method:
-            work = PASSES[name](work)
-        return passes.summarise(work)
+) -> tuple[JointNoise, Joints]:
+    """The joints' noise with which they were filtered, and the joints."""
+
+    def one(params: Params, samples: Sample) -> tuple[JointNoise, Joints]:
+        work = _passed(_begun(params, samples, layout, options), method)
+        return work.params.joint, work.joints
 
     return log_by_log_with_slopes(one)(params, samples)
+
+
+@keep_program("options", "method", "layout")
+def _know_bias(
+    params: Params, samples: Sample, known: Joints, *, options: Options, method: tuple[str, ...], layout: Layout
+) -> tuple[Params, States, Infos]:
+    def one(params: Params, samples: Sample, known: Joints) -> tuple[Params, States, Infos]:
+        work = _begun(params, samples, layout, options)
+        return passes.summarise(_passed(work._replace(joints=known, end=work.start), method))
+
+    return log_by_log_with_slopes(one)(params, samples, known)
+
+
+def _begun(params: Params, samples: Sample, layout: Layout, options: Options) -> Work:
+    start = pipeline.init(params, samples)._replace(bias=None)
+    return Work(params, start, samples, running_sum(samples.dt), measured_length(samples), layout, options)
+
+
+def _passed(work: Work, method: tuple[str, ...]) -> Work:
+    for name in method:
+        work = PASSES[name](work)
+    return work

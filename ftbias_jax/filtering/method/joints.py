@@ -93,7 +93,7 @@ def _kept(work: Work, states: States, samples: Sample) -> Any:
 def _joints(work: Work, kept: Any, nats: Array) -> Joints:
     if work.params.effects is None:
         mean, ddq_std, wrench_tool, variance = kept
-        return Joints(mean, ddq_std, wrench_tool, variance, None, nats.sum())
+        return Joints(mean, ddq_std, wrench_tool, variance, jnp.zeros_like(wrench_tool), nats.sum())
     mean = tuple(kept.mean)
     known = compose.bias(signals_of(work.params, jnp.stack(mean, 2), work.samples), work.params.effects)
     wrench_tool, variance = predict_wrenches(work.params, kept, work.samples, work.options)

@@ -106,18 +106,19 @@ def summarise(work: Work) -> tuple[Params, States, Infos]:
     standard = jnp.where(passed, innovation, 0) / jnp.where(passed, innovation_std, 1)
     inflation = jnp.ones(6, innovation.dtype) if noise is None else noise.inflation
     hidden = jnp.zeros(6, innovation.dtype) if noise is None else noise.hidden
-    added = 0 if known.known_bias is None else known.known_bias
     bias_std = jnp.hypot(states.bias_std * inflation[None], hidden[None])
     drift_std = states.drift_std * inflation[None]
-    states = states._replace(bias=states.bias + added, bias_std=bias_std, drift_std=drift_std)
+    states = states._replace(bias=states.bias + known.known_bias, bias_std=bias_std, drift_std=drift_std)
     if states.bias_smooth is not None and states.bias_smooth_std is not None:
         smooth_std = states.bias_smooth_std * inflation[None, None]
         smooth_std = smooth_std.at[:, 0].set(jnp.hypot(smooth_std[:, 0], hidden[None]))
-        states = states._replace(bias_smooth=states.bias_smooth.at[:, 0].add(added), bias_smooth_std=smooth_std)
+        states = states._replace(
+            bias_smooth=states.bias_smooth.at[:, 0].add(known.known_bias), bias_smooth_std=smooth_std
+        )
     used, free = passed.any(1), jnp.isfinite(_without_contact(work).wrench).any(1)
     first = jnp.where(free, work.t, jnp.inf).min()
     infos = Infos(
-        wrench_tool=known.wrench_tool + added,
+        wrench_tool=known.wrench_tool + known.known_bias,
         wrench_unbiased=work.samples.wrench + states.bias,
         innovation=innovation,
         innovation_std=innovation_std,

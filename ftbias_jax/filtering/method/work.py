@@ -26,8 +26,8 @@ class Joints(NamedTuple):
     """N, Nm; with the known effects, if there are any."""
     variance: Float[Array, "T 6"]
     """N^2, Nm^2, diagonal of R as the setup states it."""
-    known_bias: Float[Array, "T 6"] | None
-    """N, Nm, what known effects add to the bias; None = there are none."""
+    known_bias: Float[Array, "T 6"]
+    """N, Nm, what known effects add to the bias."""
     log_likelihood: Float[Array, ""]
     """nats of the joints' measurements."""
 
