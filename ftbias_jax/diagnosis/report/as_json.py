@@ -32,6 +32,8 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "note": diagnosis.note,
         "causes": [cause._asdict() for cause in diagnosis.causes],
         "posterior": {"correlation": diagnosis.correlations},
+        "tool_stderr": dict(diagnosis.tool_stderr),
+        "model_stderr": diagnosis.model_stderr,
         "terms": [{key: value for key, value in term._asdict().items() if key != "curve"} for term in diagnosis.terms],
         "gap": {
             "before": {"rms": gap.before_rms, "in_noise_sigmas": gap.before_sigmas},

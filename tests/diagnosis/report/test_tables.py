@@ -35,6 +35,14 @@ def test_the_json_has_the_keys_of_the_format(make_diagnosis):
     assert content["candidates"][0].keys() == content["causes"][0].keys()
 
 
+def test_the_json_has_the_errors_that_apply_writes(make_diagnosis):
+    assert to_json(make_diagnosis()).items() >= {"tool_stderr": {}, "model_stderr": None}.items()
+    errors = {"mass": np.float64(0.01), "center_of_mass": np.full(3, 1e-3)}
+    content = to_json(make_diagnosis(tool_stderr=errors, model_stderr=np.full(6, 0.2)))
+    assert content["tool_stderr"] == {"mass": 0.01, "center_of_mass": [1e-3] * 3}
+    assert content["model_stderr"] == [0.2] * 6
+
+
 def test_the_json_is_strict_whatever_the_numbers(make_diagnosis, make_candidate):
     odd = make_candidate(
         parameters={"mass": np.float64(1.0), "gain": np.array([np.inf, 1.0]), "count": np.int64(2)},
