@@ -36,7 +36,7 @@ WITHIN = 1.96
 TARE = 0.5
 """s at the start of a log, of which the mean is a held tare."""
 SETUPS = 6
-"""Which are judged on the way from a draft to its calibration, about."""
+"""How many are judged on the way from a draft to its calibration, about."""
 HELD_TARE, CONSTANT = f"tare of the first {TARE} s", "constant bias"
 """What needs no filter."""
 

@@ -40,7 +40,7 @@ class Step:
     """Something that was tried."""
 
     kind: str
-    """One of those above."""
+    """"causes", "terms", "tool", "gains and crosstalk", "noise" or "tool, first"."""
     name: str
     kept: bool
     why: str
