@@ -74,10 +74,6 @@ class _Road(NamedTuple):
     worker: ThreadPoolExecutor
     """For what is needed next if the step that is judged meanwhile is kept, or if nothing more is found."""
 
-    def repeated_ahead(self, state: "_State") -> tuple[Setup, Future[Setup | None]]:
-        """Begin to repeat what was kept up to a setup."""
-        return state.setup, self.worker.submit(self.again, state)
-
     def tool_ahead(self, setup: Setup) -> tuple[Setup, Future[IdentifyResult]]:
         """Begin to identify the tool of a setup."""
         return setup, self.worker.submit(identify_tool, setup, longest(self.begun), unchecked=True)
@@ -98,8 +94,6 @@ class _State(NamedTuple):
     causes as they were found is as uncertain as they are."""
     ahead: tuple[Setup, Future[IdentifyResult]] | None = None
     """A setup, and the tool that is being identified with it."""
-    repeated: tuple[Setup, Future[Setup | None]] | None = None
-    """A setup, and what is being found where all up to it is repeated."""
 
     @property
     def unmoved(self) -> ToolSetup | None:
@@ -157,8 +151,7 @@ def calibrate(
         return repeat(state.steps, start, state.setup, logs, names, state.unmoved is not None)
 
     with ThreadPoolExecutor(WORKERS) as worker:
-        first, state = _walked(_Road(whole, begun, names, hold_out, progress, again, worker), setup, start)
-    ahead = state.repeated[1] if state.repeated is not None and state.repeated[0] is state.setup else None
+        first, state, repeating = _walked(_Road(whole, begun, names, hold_out, progress, again, worker), setup, start)
     if state.unmoved is not None:
         state = state._replace(setup=as_uncertain(replace(state.setup, tool=state.unmoved), state.beside))
     rows = {GIVEN: first.judged} | ({CALIBRATED: state.judged} if state.setup is not start else {})
@@ -166,7 +159,7 @@ def calibrate(
     final = replace(state.setup, tool=setup.tool) if state.setup.tool is start.tool else state.setup
     if state.setup is not start:
         progress("repeating what was kept with all of the logs")
-        repeated = ahead.result() if ahead is not None else again(state)
+        repeated = repeating.result() if repeating is not None else again(state)
         if repeated is not None and not compare(judge(repeated, whole, hold_out), state.judged).is_worse:
             final = repeated
     final, events = without_events(final, setup)
@@ -177,8 +170,11 @@ def calibrate(
     return Calibrated(final, state.steps, rows, state.found, tuple(log.repairs for log in whole), seconds, events)
 
 
-def _walked(road: _Road, setup: Setup, start: Setup) -> tuple[_State, _State]:
-    """The beginning of the road, from a setup whose tool may be loosened for a start, and its end."""
+def _walked(road: _Road, setup: Setup, start: Setup) -> tuple[_State, _State, Future[Setup | None] | None]:
+    """The beginning of the road, from a setup whose tool may be loosened for a start, and its end.
+
+    Also, what repeating all that was kept gives, if that was begun while a last round found nothing more.
+    """
     has_tool = setup.sensor.compensated == COMPENSATED[0]
     with compiled_ahead(start, road.begun):
         road.progress("filtering with the setup as given")
@@ -192,8 +188,7 @@ def _walked(road: _Road, setup: Setup, start: Setup) -> tuple[_State, _State]:
     identified, rest = None, (CHANNELS,) if has_tool else ()
     for i in range(ROUNDS):
         before = state.setup
-        if i:  # most logs show nothing more
-            state = state._replace(repeated=road.repeated_ahead(state))
+        repeated = road.worker.submit(road.again, state) if i else None  # most logs show nothing more
         state = _with_causes(state, road)
         if state.setup is not identified:
             state = _with_tool(state, road, (TOOL,) if has_tool else ())
@@ -202,8 +197,8 @@ def _walked(road: _Road, setup: Setup, start: Setup) -> tuple[_State, _State]:
         if state.setup is before:  # only now, for so many numbers stand for whatever is left
             state, rest = _with_tool(state, road, rest), ()
             if state.setup is before:
-                break
-    return first, state
+                return first, state, repeated
+    return first, state, None
 
 
 def _with_causes(state: _State, road: _Road) -> _State:
