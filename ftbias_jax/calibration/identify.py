@@ -93,7 +93,8 @@ def identify(
     moves = [MOUNTING_STD if mounting else FIXED, GRAVITY_STD if gravity else FIXED]
     if isinstance(params.arm, FreeBody) and samples.q.shape[1] == len("wxyz"):
         moves.append(LEVER_STD)
-    only_theta = max(moves) <= FIXED
+    if only_theta := max(moves) <= FIXED:
+        moves = []
     std = np.concatenate([PRIOR_STD, np.repeat(moves, 3)])
     prior = Prior(np.pad(physical.coordinates(params.theta), (0, len(std) - len(PRIOR_STD))), std)
     dt = np.asarray(samples.dt)
@@ -165,7 +166,11 @@ def _identified(
     remarks = tuple(_remark(name, found, open_) for name in NAMES)
     kept = np.array([remark in (KEPT, NO_BETTER) for remark in remarks])
     values, stderr = np.where(kept, stated, values), np.where(kept, np.nan, stderr)
-    down, to_down = (np.asarray(x) for x in _gravity_and_slope(params.gravity, jnp.asarray(linear.at[OF_GRAVITY])))
+    to_bias = linear.bias_slopes.T @ slope
+    bias_variance = found.dispersion * linear.bias_variance + np.einsum("ap,pq,aq->a", to_bias, covariance, to_bias)
+    missing = max(0, OF_GRAVITY.stop - len(x))  # turns that are not fitted are zero, and certain
+    at, covariance = np.pad(linear.at, (0, missing)), np.pad(covariance, (0, missing))
+    down, to_down = (np.asarray(x) for x in _gravity_and_slope(params.gravity, jnp.asarray(at[OF_GRAVITY])))
     rotation_stderr = np.sqrt(np.diag(covariance)[10:13])
     gravity_stderr = np.sqrt(np.diag(to_down @ covariance[OF_GRAVITY, OF_GRAVITY] @ to_down.T))
     unexcited = [name for name, remark in zip(NAMES, remarks, strict=True) if remark in (KEPT, PULLED)]
@@ -176,8 +181,7 @@ def _identified(
     if gravity:
         wide = GRAVITY_STD / 2 * np.linalg.norm(params.gravity)
         unexcited += [f"gravity along {x}" for x, e in zip("xyz", gravity_stderr, strict=True) if e > wide]
-    turned = quarter @ rotations.rotation_from_vector(linear.at[10:13])
-    to_bias = linear.bias_slopes.T @ slope
+    turned = quarter @ rotations.rotation_from_vector(at[10:13])
     elapsed = dt.sum()
     return Identified(
         theta=physical.theta_of(values),
@@ -193,9 +197,7 @@ def _identified(
         unexcited=unexcited,
         remarks=remarks,
         bias=np.asarray(params.bias.prior_mean[:6] + elapsed * params.bias.prior_mean[6:]) + linear.bias,
-        bias_stderr=np.sqrt(
-            found.dispersion * linear.bias_variance + np.einsum("ap,pq,aq->a", to_bias, covariance, to_bias)
-        ),
+        bias_stderr=np.sqrt(bias_variance),
     )
 
 
@@ -230,12 +232,15 @@ def _turned(params: Params, rotation: np.ndarray) -> Params:
 
 
 def _moved(params: Params, z: Array) -> Params:
-    """Parameters at (P,): theta, rotation vectors of the sensor and of gravity; and how far the sensor is from where a
-    body turns whose position is not recorded."""
+    """Parameters at (P,): theta; maybe rotation vectors of the sensor and of gravity; and maybe how far the sensor is
+    from where a body turns whose position is not recorded."""
+    params = params._replace(theta=z[:10])
+    if z.shape[0] == 10:
+        return params
     arm = params.arm._replace(zero_rotation=params.arm.zero_rotation @ rotation_from_vector(z[10:13]))
     if z.shape[0] > OF_LEVER.start:
         arm = arm._replace(zero_position=arm.zero_position + z[OF_LEVER])
-    return params._replace(arm=arm, gravity=_turned_gravity(params.gravity, z[OF_GRAVITY]), theta=z[:10])
+    return params._replace(arm=arm, gravity=_turned_gravity(params.gravity, z[OF_GRAVITY]))
 
 
 def _turned_gravity(gravity: Array, turn: Array) -> Array:

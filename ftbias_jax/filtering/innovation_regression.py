@@ -68,8 +68,8 @@ def linearise(problem: WrenchProblem, predict: Callable[[Array], Array], values:
         variance=jnp.concatenate([problem.variance, last]),
         jump=None if problem.jump is None else jnp.concatenate([problem.jump, jnp.zeros_like(last)]),
     )
-    slopes = jnp.moveaxis(jax.jacfwd(predict)(values), -1, 0)
-    error = (predict(values) - problem.wrench)[None]
+    predicted, slope_along = jax.linearize(predict, values)
+    slopes, error = jax.vmap(slope_along)(jnp.eye(len(values), dtype=values.dtype)), (predicted - problem.wrench)[None]
     series = jnp.concatenate([slopes, error, jnp.zeros_like(error)])
     after = jnp.zeros_like(series[:, :1]).at[-1].set(1.0)
     white = whiten(longer, jnp.concatenate([series, after], 1))
