@@ -11,7 +11,7 @@ from ftbias_jax.diagnosis.evidence.gap import Judge, nats_of_joints
 from ftbias_jax.diagnosis.evidence.reading import stderr_of_reading
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_zero, movable, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.proposals.entries import entries_of, whole_matrix
+from ftbias_jax.diagnosis.proposals.entries import entries_of, nats_of_size, whole_matrix
 from ftbias_jax.diagnosis.regression.fit import Fit, compared, fit
 from ftbias_jax.diagnosis.result import Candidate
 from ftbias_jax.diagnosis.search import Rounds, enough, gap_of, search, with_first_fits
@@ -65,7 +65,9 @@ def search_causes(
     plain = _with_all_entries(problem, plain)
     left, by_plain = (gap_of(problem, one.accepted) for one in (beside, plain))
     closed = left <= max(least, min(by_plain, LEADS**2) if plain.accepted.hypotheses else 0.0)
-    better = score(beside.accepted, plain.accepted) > LEAST_GAIN
+    # Leaks that stand for a tool are larger than any sensor has.
+    smaller = nats_of_size(problem, plain.accepted) - nats_of_size(problem, beside.accepted)
+    better = score(beside.accepted, plain.accepted) + smaller > LEAST_GAIN
     if {h.effect for h in plain.accepted.hypotheses} & _like_tool(problem):
         # What is as good as a tool, by more numbers of its own, comes after it.
         lost, error = compared(problem, plain.accepted.error, beside.accepted.error)

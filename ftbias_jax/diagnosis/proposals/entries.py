@@ -62,10 +62,16 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> Whole:
     others = zip(found.hypotheses, begun, strict=True)
     whole = whole._replace(hypotheses=tuple(own if h is few else h for h, own in others))
     before, after = (
-        (one.z[entries] ** 2).sum() / (2 * ENTRY_STD**2) - one.log_likelihood + NATS_PER_DEGREE * one.degrees
-        for one in (found, whole)
+        nats_of_size(problem, one) - one.log_likelihood + NATS_PER_DEGREE * one.degrees for one in (found, whole)
     )
-    return Whole(whole, matrix, covariance(problem, whole), bool(after < before))
+    return Whole(whole, matrix, covariance(problem, whole), after < before)
+
+
+def nats_of_size(problem: Problem, found: Fit) -> float:
+    """nats by which the entries of a matrix in a fit are less likely a priori than none; 0 if it has no matrix."""
+    few = entries_of(problem, found)
+    entries = found.z[movable(problem, problem.catalogue[few.effect])] if few else np.zeros(0)
+    return float((entries**2).sum()) / (2 * ENTRY_STD**2)
 
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:

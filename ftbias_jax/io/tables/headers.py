@@ -51,7 +51,7 @@ FORCES, TORQUES = tuple(f"force_{x}" for x in "xyz"), tuple(f"torque_{x}" for x 
 QUATERNIONS = ("q", "orientation_", "quaternion_", "quat_")
 FIXED: Mapping[str, tuple[Names, ...]] = {
     "time": (("t",), ("time",), ("timestamp",), ("timestamps",), ("stamp",), ("seconds",)),
-    "other_time": (("time_stamp",), ("elapsed_time",), ("ros_time",), ("rostime",), ("unix_time",)),
+    "other_time": (("time_stamp",), ("elapsed_time",), ("ros_time",), ("rostime",), ("unix_time",), ("zeit",)),
     "temperature": (("temperature",), ("temp",)),
     "wrench": (
         ("fx", "fy", "fz", "tx", "ty", "tz"),
