@@ -11,11 +11,11 @@ from ftbias_jax.diagnosis.evidence.gap import Judge, nats_of_joints
 from ftbias_jax.diagnosis.evidence.reading import stderr_of_reading
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_zero, movable, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.proposals.entries import entries_of, nats_of_size, whole_matrix
+from ftbias_jax.diagnosis.proposals.entries import entries_of, evidence, whole_matrix
 from ftbias_jax.diagnosis.regression.fit import Fit, compared, fit
 from ftbias_jax.diagnosis.result import Candidate
 from ftbias_jax.diagnosis.search import Rounds, enough, gap_of, search, with_first_fits
-from ftbias_jax.diagnosis.thresholds import ALIKE, LEADS, LEAST_GAIN, LEAST_SIGMAS, SURE
+from ftbias_jax.diagnosis.thresholds import ALIKE, LEADS, LEAST_GAIN, LEAST_SIGMAS, NEARLY, SURE
 from ftbias_jax.model.effects.catalogue import Catalogue
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.runtime.progress import silent
@@ -64,15 +64,16 @@ def search_causes(
         return beside
     plain = _with_all_entries(problem, plain)
     left, by_plain = (gap_of(problem, one.accepted) for one in (beside, plain))
-    closed = left <= max(least, min(by_plain, LEADS**2) if plain.accepted.hypotheses else 0.0)
-    # Leaks that stand for a tool are larger than any sensor has.
-    smaller = nats_of_size(problem, plain.accepted) - nats_of_size(problem, beside.accepted)
-    better = score(beside.accepted, plain.accepted) + smaller > LEAST_GAIN
+    most = min(by_plain, max(LEADS**2, NEARLY * gap_of(problem, base))) if plain.accepted.hypotheses else 0.0
+    closed = left <= max(least, most)
+    # Leaks that stand for a tool are larger than those of any sensor, and that counts.
+    gained = evidence(problem, beside.accepted) - evidence(problem, plain.accepted)
+    better = gained > LEAST_GAIN
     if {h.effect for h in plain.accepted.hypotheses} & _like_tool(problem):
         # What is as good as a tool, by more numbers of its own, comes after it.
         lost, error = compared(problem, plain.accepted.error, beside.accepted.error)
         as_good = lost < max(ALIKE * error, LEAST_GAIN, nats_of_joints(problem))
-        better = better or (as_good and beside.accepted.degrees < plain.accepted.degrees)
+        better = better or (as_good and (gained > 0 or beside.accepted.degrees < plain.accepted.degrees))
     return beside if beside.start.hypotheses and closed and better else plain
 
 

@@ -36,8 +36,7 @@ class Whole(NamedTuple):
 
     def spread(self, h: Hypothesis) -> np.ndarray:
         """Covariance of the coordinates of one hypothesis."""
-        own = [self.fit.free.index(i) for i in h.free]
-        return self.covariance[np.ix_(own, own)]
+        return covariance_of(h, self.fit, self.covariance)
 
 
 def entries_of(problem: Problem, found: Fit) -> Hypothesis | None:
@@ -61,17 +60,31 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> Whole:
     # Of the others the fit has the hypotheses that it was given, by which whoever calls knows them.
     others = zip(found.hypotheses, begun, strict=True)
     whole = whole._replace(hypotheses=tuple(own if h is few else h for h, own in others))
-    before, after = (
-        nats_of_size(problem, one) - one.log_likelihood + NATS_PER_DEGREE * one.degrees for one in (found, whole)
-    )
-    return Whole(whole, matrix, covariance(problem, whole), after < before)
+    return Whole(whole, matrix, covariance(problem, whole), evidence(problem, whole) > evidence(problem, found))
 
 
-def nats_of_size(problem: Problem, found: Fit) -> float:
-    """nats by which the entries of a matrix in a fit are less likely a priori than none; 0 if it has no matrix."""
+def evidence(problem: Problem, found: Fit) -> float:
+    """nats of a fit less the price of its numbers; of the entries of a matrix, less what large ones are unlikely, too.
+
+    Few entries have the price of any numbers. The whole matrix is paid by what the log says of it: how much surer it is
+    than a priori (Laplace's approximation), so that entries that the log leaves open cost nothing.
+    """
+    paid = found.log_likelihood - NATS_PER_DEGREE * found.degrees
     few = entries_of(problem, found)
-    entries = found.z[movable(problem, problem.catalogue[few.effect])] if few else np.zeros(0)
-    return float((entries**2).sum()) / (2 * ENTRY_STD**2)
+    if few is None:
+        return paid
+    paid -= float((found.z[movable(problem, problem.catalogue[few.effect])] ** 2).sum()) / (2 * ENTRY_STD**2)
+    if few.prior_std != ENTRY_STD:
+        return paid
+    spread = covariance_of(few, found, covariance(problem, found))
+    surer = len(few.free) * np.log(ENTRY_STD) - np.linalg.slogdet(spread)[1] / 2
+    return paid + NATS_PER_DEGREE * len(few.free) - float(surer)
+
+
+def covariance_of(h: Hypothesis, found: Fit, covariance: np.ndarray) -> np.ndarray:
+    """Covariance of the coordinates of one hypothesis of a fit, of that of all its numbers."""
+    own = [found.free.index(i) for i in h.free]
+    return covariance[np.ix_(own, own)]
 
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:

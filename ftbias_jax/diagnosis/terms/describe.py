@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.diagnosis.candidates import Scored, score
+from ftbias_jax.diagnosis.candidates import Scored
 from ftbias_jax.diagnosis.evidence.gap import Judge, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.proposals.entries import entries_of
+from ftbias_jax.diagnosis.proposals.entries import entries_of, evidence
 from ftbias_jax.diagnosis.proposals.touches import takes_most
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.regression.score_test import stand
@@ -116,9 +116,10 @@ def describe(
     # Nor does one that removes less of the gap than they do.
     if not explained and not stands and not _holds(problem, hold_out, base, fit, accepted, 1 - NEARLY):
         return answer
+    leaks = not stands and entries_of(problem, accepted)
+    if leaks and evidence(problem, accepted) - evidence(problem, fit) > LEAST_GAIN:
+        return answer  # leaks between six channels are thirty numbers, and no fewer
     if explained:
-        if entries_of(problem, accepted) and score(accepted, fit) > LEAST_GAIN:
-            return answer  # leaks between six channels are thirty numbers, and no fewer
         ours = _merit(base, kept, steps[-1].described.terms, fit.log_likelihood)
         if ours < (1.0 if simpler else CLEARLY) * theirs or not _holds(problem, hold_out, base, fit, accepted, AS_WELL):
             return answer
