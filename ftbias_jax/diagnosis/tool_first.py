@@ -15,7 +15,7 @@ from ftbias_jax.diagnosis.proposals.entries import entries_of, evidence, whole_m
 from ftbias_jax.diagnosis.regression.fit import Fit, compared, fit
 from ftbias_jax.diagnosis.result import Candidate
 from ftbias_jax.diagnosis.search import Rounds, enough, gap_of, search, with_first_fits
-from ftbias_jax.diagnosis.thresholds import ALIKE, LEADS, LEAST_GAIN, LEAST_SIGMAS, NEARLY, SURE
+from ftbias_jax.diagnosis.thresholds import ALIKE, LEADS, LEAST_GAIN, LEAST_SIGMAS, SURE
 from ftbias_jax.model.effects.catalogue import Catalogue
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.runtime.progress import silent
@@ -64,8 +64,7 @@ def search_causes(
         return beside
     plain = _with_all_entries(problem, plain)
     left, by_plain = (gap_of(problem, one.accepted) for one in (beside, plain))
-    most = min(by_plain, max(LEADS**2, NEARLY * gap_of(problem, base))) if plain.accepted.hypotheses else 0.0
-    closed = left <= max(least, most)
+    closed = left <= max(least, min(by_plain, LEADS**2) if plain.accepted.hypotheses else 0.0)
     # Leaks that stand for a tool are larger than those of any sensor, and that counts.
     gained = evidence(problem, beside.accepted) - evidence(problem, plain.accepted)
     better = gained > LEAST_GAIN

@@ -7,14 +7,15 @@ import pytest
 
 from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.diagnosis import tool_first
-from ftbias_jax.diagnosis.candidates import Scored
+from ftbias_jax.diagnosis.candidates import Scored, score
 from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.evidence.estimates import FORM_ERROR, parameters
 from ftbias_jax.diagnosis.hypothesis import at_values
 from ftbias_jax.diagnosis.problem import make_problem
-from ftbias_jax.diagnosis.proposals.entries import whole_matrix
+from ftbias_jax.diagnosis.proposals.entries import evidence, whole_matrix
 from ftbias_jax.diagnosis.regression.chain_model import to_values
-from ftbias_jax.diagnosis.regression.fit import base, fit
+from ftbias_jax.diagnosis.regression.fit import base, covariance, fit
+from ftbias_jax.diagnosis.thresholds import ENTRY_STD, NATS_PER_DEGREE
 from ftbias_jax.diagnosis.tool_first import Searched, with_tool
 from ftbias_jax.model.simulate_log import simulate
 from ftbias_jax.runtime.jax_config import in_float64
@@ -83,6 +84,24 @@ def test_leaks_of_all_channels_are_told_as_all():
     after = tool_first._with_all_entries(problem, before)
     assert after.accepted.log_likelihood == whole.fit.log_likelihood
     assert [len(scored) for scored in after.rounds] == [1, 1, 1, 0]
+
+
+@in_float64
+def test_a_matrix_is_paid_by_what_the_log_says_of_it_and_large_leaks_are_unlikely():
+    """Leaks that stand for a wrong centre of mass fit as well, and are larger than those beside the right one."""
+    problem, found, few, _ = fitted(ALL)
+    nominal = base(problem)
+    assert evidence(problem, nominal) == nominal.log_likelihood
+    beside, alone = (whole_matrix(problem, one, few).fit for one in (found, fit(problem, (few,), nominal)))
+    for one in (beside, alone):
+        entries = list(next(h.free for h in one.hypotheses if h.effect == "crosstalk"))
+        place = [one.free.index(i) for i in entries]
+        of_entries = covariance(problem, one)[np.ix_(place, place)]
+        size = (one.z[entries] ** 2).sum() / ENTRY_STD**2 / 2
+        surer = -np.log(np.linalg.eigvalsh(of_entries) / ENTRY_STD**2).sum() / 2
+        others = NATS_PER_DEGREE * (one.degrees - len(entries))
+        np.testing.assert_allclose(evidence(problem, one), one.log_likelihood - size - surer - others)
+    assert evidence(problem, beside) - evidence(problem, alone) > score(beside, alone)
 
 
 def test_leaks_of_all_channels_explain_a_log_without_terms():
