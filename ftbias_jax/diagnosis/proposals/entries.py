@@ -64,10 +64,10 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> Whole:
 
 
 def evidence(problem: Problem, found: Fit) -> float:
-    """nats of a fit less the price of its numbers; of the entries of a matrix, less what large ones are unlikely, too.
+    """Log evidence of a fit, nats: its likelihood less the price of its numbers, and less what large leaks are unlikely.
 
-    Few entries have the price of any numbers. The whole matrix is paid by what the log says of it: how much surer it is
-    than a priori (Laplace's approximation), so that entries that the log leaves open cost nothing.
+    Few entries of a matrix have the price of any other numbers. The price of a whole matrix is how much surer the log
+    makes it than it was a priori (Laplace's approximation): entries that the log leaves open cost nothing.
     """
     paid = found.log_likelihood - NATS_PER_DEGREE * found.degrees
     few = entries_of(problem, found)

@@ -345,6 +345,7 @@ def test_words_in_the_second_line_are_no_units(tmp_path):
 def test_time_of_other_names_is_taken_where_there_is_no_time():
     assert [match.names for match in matches("time", ["elapsed_time [ms]", "q0"])] == [("elapsed_time [ms]",)]
     assert matches("time", ["elapsed_time [ms]"])[0].facts == {"log.time_unit": "ms"}
+    assert matches("time", ["Zeit [s]", "q0"])[0].facts == {"log.time_unit": "s"}
     assert [match.names for match in matches("time", ["elapsed_time", "Timestamp"])] == [("Timestamp",)]
 
 
