@@ -64,7 +64,7 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> Whole:
 
 
 def evidence(problem: Problem, found: Fit) -> float:
-    """Log evidence of a fit, nats: its likelihood less the price of its numbers, and less what large leaks are unlikely.
+    """Log evidence of a fit, nats: its likelihood less the price of its numbers and what speaks against large leaks.
 
     Few entries of a matrix have the price of any other numbers. The price of a whole matrix is how much surer the log
     makes it than it was a priori (Laplace's approximation): entries that the log leaves open cost nothing.
