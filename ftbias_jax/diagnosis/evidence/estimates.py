@@ -31,6 +31,8 @@ RAMP_STDERR = 0.25
 """Share of a jump's length within which it begins: few lengths are tried."""
 START_STDERR, FADING = 0.1, 0.1
 """s of a contact's start and end, and what its end has more, as a share of its length: it may fade."""
+ROUND_OFF = 15
+"""Decimals of what a setup states, in SI units: a point mass would have an inertia of 1e-18 kg m^2 in the report."""
 
 
 def parameters(
@@ -239,7 +241,7 @@ def with_nominal(problem: Problem, candidate: Candidate) -> Candidate:
     entry, known = problem.catalogue[candidate.effect], problem.known.get(candidate.effect, {})
     stated = {p.name: neutral_of(problem, entry, p.name) for p in entry.parameters if callable(p.neutral)} | known
     found = [name for name in candidate.parameters if name in stated]
-    nominal = {name: np.asarray(stated[name], float) for name in found}
+    nominal = {name: np.round(np.asarray(stated[name], float), ROUND_OFF) for name in found}
     statement = statement_of(entry, candidate, nominal)
     return candidate._replace(nominal={name: value.tolist() for name, value in nominal.items()}, statement=statement)
 

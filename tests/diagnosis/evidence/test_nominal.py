@@ -1,6 +1,7 @@
 from types import SimpleNamespace
 
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 from ftbias_jax.diagnosis.evidence.estimates import with_nominal
@@ -8,10 +9,12 @@ from ftbias_jax.diagnosis.report.html import to_html
 from ftbias_jax.diagnosis.report.tables import to_table
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.wrench.tool_wrench import Model, tool_parameters
+from ftbias_jax.runtime.jax_config import in_float64
 
 
-def problem(known=None):
-    theta = tool_parameters(jnp.asarray(0.73), jnp.array([0.0, 0.01, 0.06]), jnp.array([2e-3, 0, 0, 2e-3, 0, 1e-3]))
+def problem(known=None, theta=None):
+    if theta is None:
+        theta = tool_parameters(jnp.asarray(0.73), jnp.array([0.0, 0.01, 0.06]), jnp.array([2e-3, 0, 0, 2e-3, 0, 1e-3]))
     model = Model(arm=None, theta=theta, gravity=jnp.array([0.0, 0.0, -9.81]))
     part = SimpleNamespace(signals=SimpleNamespace(model=model))
     return SimpleNamespace(catalogue=CATALOGUE, known=known or {}, parts=[part])
@@ -42,6 +45,13 @@ def test_an_effect_that_the_setup_has_already_is_shown_with_its_values(make_cand
     assert with_nominal(problem(known), make_candidate("gain", parameters={"gain": [1.1] * 6})).nominal[
         "gain"
     ] == pytest.approx([1.02] * 6)
+
+
+@in_float64
+def test_a_point_mass_has_no_inertia_by_round_off(make_candidate):
+    point = np.asarray(tool_parameters(jnp.asarray(1.3), jnp.array([0.0102, -0.0049, 0.06]), jnp.zeros(6)))
+    cause = make_candidate("tool_inertia", parameters={"inertia": [2e-3, 0, 0, 2e-3, 0, 1e-3]})
+    assert with_nominal(problem(theta=point), cause).nominal["inertia"] == [0.0] * 6
 
 
 def test_table_and_page_show_both_values_with_their_unit(make_diagnosis, make_candidate):
