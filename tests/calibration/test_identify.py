@@ -120,6 +120,13 @@ def test_a_robot_that_stands_still_says_nothing_about_inertia(truth):
     assert np.isnan(found.stderr[4:]).all()
 
 
+def test_a_point_mass_stays_one_without_round_off(truth):
+    point = tool_parameters(jnp.array(1.3), jnp.array([0.0102, -0.0049, 0.06]), jnp.zeros(6))
+    found = identify.identify(truth._replace(theta=point), log_of(truth, speed=0.0))
+    assert set(found.remarks[4:]) == {identify.KEPT}
+    np.testing.assert_array_equal(found.values[4:], 0.0)
+
+
 def test_a_bias_that_may_jump_leaves_the_tool_as_it_is(truth):
     """The sensor is set to zero half-way: with its time stated, the tool is found as if it had not been."""
     samples = log_of(truth)
