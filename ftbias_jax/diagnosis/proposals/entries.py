@@ -60,7 +60,8 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> Whole:
     # Of the others the fit has the hypotheses that it was given, by which whoever calls knows them.
     others = zip(found.hypotheses, begun, strict=True)
     whole = whole._replace(hypotheses=tuple(own if h is few else h for h, own in others))
-    return Whole(whole, matrix, covariance(problem, whole), evidence(problem, whole) > evidence(problem, found))
+    earned = _by_numbers(problem, whole) > _by_numbers(problem, found)
+    return Whole(whole, matrix, covariance(problem, whole), earned)
 
 
 def evidence(problem: Problem, found: Fit) -> float:
@@ -69,16 +70,20 @@ def evidence(problem: Problem, found: Fit) -> float:
     Few entries of a matrix have the price of any other numbers. The price of a whole matrix is how much surer the log
     makes it than it was a priori (Laplace's approximation): entries that the log leaves open cost nothing.
     """
-    paid = found.log_likelihood - NATS_PER_DEGREE * found.degrees
-    few = entries_of(problem, found)
-    if few is None:
-        return paid
-    paid -= float((found.z[movable(problem, problem.catalogue[few.effect])] ** 2).sum()) / (2 * ENTRY_STD**2)
-    if few.prior_std != ENTRY_STD:
+    few, paid = entries_of(problem, found), _by_numbers(problem, found)
+    if few is None or few.prior_std != ENTRY_STD:
         return paid
     spread = covariance_of(few, found, covariance(problem, found))
     surer = len(few.free) * np.log(ENTRY_STD) - np.linalg.slogdet(spread)[1] / 2
     return paid + NATS_PER_DEGREE * len(few.free) - float(surer)
+
+
+def _by_numbers(problem: Problem, found: Fit) -> float:
+    """The same, where all numbers have the same price."""
+    few = entries_of(problem, found)
+    entries = found.z[movable(problem, problem.catalogue[few.effect])] if few else np.zeros(0)
+    unlikely = float((entries**2).sum()) / (2 * ENTRY_STD**2)
+    return found.log_likelihood - NATS_PER_DEGREE * found.degrees - unlikely
 
 
 def covariance_of(h: Hypothesis, found: Fit, covariance: np.ndarray) -> np.ndarray:
