@@ -17,6 +17,7 @@ from ftbias_jax.filtering.smoother import smoothed_joints
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import rotation_from_vector
 from ftbias_jax.model.params import Params
+from ftbias_jax.model.wrench.inertia import without_round_off
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.setup import rotations
 from ftbias_jax.types import Array, Gaussian, Sample
@@ -113,7 +114,7 @@ def identify(
         converged = abs(before - _cost(linear)) < 0.01 * shown.overdispersion(parts, x, prior)
         if converged:
             break
-    stated = _stated(params)
+    stated = without_round_off(physical.data_sheet(params.theta))
     found = shown.judge(parts, x, prior, stated[4:])
     swings = len(x) > OF_LEVER.start and shown.predicts_unseen(parts, found, OF_LEVER)
     linear = first.moved(physical.parameters_at(found.x)) if only_theta else model(found.x)
@@ -157,7 +158,7 @@ def _identified(
     normal = slope.T @ honest.information @ slope + np.diag(std**-2.0)
     covariance = innovation_regression.covariance(tempered, dt, normal)
     to_sheet = np.asarray(physical.slope_of_data_sheet(x))
-    stated = _stated(params)
+    stated = without_round_off(physical.data_sheet(params.theta))
     values = np.asarray(physical.data_sheet(jnp.asarray(linear.at[:10])))
     stderr = np.sqrt(np.diag(to_sheet @ covariance @ to_sheet.T))
     mass = stated[0] if "mass" in found.kept else values[0]
@@ -199,11 +200,6 @@ def _identified(
         bias=np.asarray(params.bias.prior_mean[:6] + elapsed * params.bias.prior_mean[6:]) + linear.bias,
         bias_stderr=np.sqrt(bias_variance),
     )
-
-
-def _stated(params: Params) -> np.ndarray:
-    """(10,) as NAMES, of the tool before it is fitted; what is kept of a point mass is no inertia of 1e-18 kg m^2."""
-    return np.round(np.asarray(physical.data_sheet(params.theta)), 15)
 
 
 def _remark(name: str, found: shown.Shown, open_: tuple[str, ...]) -> str:

@@ -17,6 +17,7 @@ from ftbias_jax.diagnosis.result import Candidate, Numbers
 from ftbias_jax.model.effects.fitting import ByJoint, Entries, Settling, Step, Touches
 from ftbias_jax.model.effects.statements import Estimate, amount
 from ftbias_jax.model.effects.types import Effect
+from ftbias_jax.model.wrench.inertia import without_round_off
 
 Parameters = dict[str, Numbers]
 
@@ -31,8 +32,6 @@ RAMP_STDERR = 0.25
 """Share of a jump's length within which it begins: few lengths are tried."""
 START_STDERR, FADING = 0.1, 0.1
 """s of a contact's start and end, and what its end has more, as a share of its length: it may fade."""
-ROUND_OFF = 15
-"""Decimals of what a setup states, in SI units: a point mass would have an inertia of 1e-18 kg m^2 in the report."""
 
 
 def parameters(
@@ -65,9 +64,8 @@ def parameters(
         _, of_times, of_series = np.split(np.sqrt(np.diag(spread)), np.cumsum([len(fit.free), len(slow)]))
         of_time = next((float(stderr) for h, stderr in zip(slow, of_times, strict=True) if h is hypothesis), 0.0)
         return _of_series(problem, fit, hypothesis, of_series, of_time)
-    own = [fit.free.index(i) for i in hypothesis.free]
     by_forms = spread_by_other_forms(problem, fit, hypothesis) if either else 0.0
-    return _of_coordinates(problem, fit, hypothesis, spread[np.ix_(own, own)] + by_forms)
+    return _of_coordinates(problem, fit, hypothesis, fit.spread(hypothesis, spread) + by_forms)
 
 
 def form_error(problem: Problem, effect: str) -> float:
@@ -241,7 +239,7 @@ def with_nominal(problem: Problem, candidate: Candidate) -> Candidate:
     entry, known = problem.catalogue[candidate.effect], problem.known.get(candidate.effect, {})
     stated = {p.name: neutral_of(problem, entry, p.name) for p in entry.parameters if callable(p.neutral)} | known
     found = [name for name in candidate.parameters if name in stated]
-    nominal = {name: np.round(np.asarray(stated[name], float), ROUND_OFF) for name in found}
+    nominal = {name: without_round_off(np.asarray(stated[name], float)) for name in found}
     statement = statement_of(entry, candidate, nominal)
     return candidate._replace(nominal={name: value.tolist() for name, value in nominal.items()}, statement=statement)
 

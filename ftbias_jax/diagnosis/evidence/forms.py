@@ -27,7 +27,7 @@ def spread_by_other_forms(problem: Problem, fit: Fit, h: Hypothesis) -> np.ndarr
     by_form = information(fit.columns).solve(shared[:-1].T)
     spread = np.linalg.inv(flat @ flat.T - shared[:-1] @ by_form + np.eye(len(forms)))
     shown = spread @ (flat @ fit.error.ravel() - by_form.T @ shared[-1])
-    moved = by_form[[fit.free.index(i) for i in h.free]]
+    moved = by_form[fit.places(h)]
     return np.asarray(moved @ (spread + np.outer(shown, shown)) @ moved.T)
 
 

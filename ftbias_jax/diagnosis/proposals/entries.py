@@ -36,7 +36,7 @@ class Whole(NamedTuple):
 
     def spread(self, h: Hypothesis) -> np.ndarray:
         """Covariance of the coordinates of one hypothesis."""
-        return covariance_of(h, self.fit, self.covariance)
+        return self.fit.spread(h, self.covariance)
 
 
 def entries_of(problem: Problem, found: Fit) -> Hypothesis | None:
@@ -73,7 +73,7 @@ def evidence(problem: Problem, found: Fit) -> float:
     few, paid = entries_of(problem, found), _by_numbers(problem, found)
     if few is None or few.prior_std != ENTRY_STD:
         return paid
-    spread = covariance_of(few, found, covariance(problem, found))
+    spread = found.spread(few, covariance(problem, found))
     surer = len(few.free) * np.log(ENTRY_STD) - np.linalg.slogdet(spread)[1] / 2
     return paid + NATS_PER_DEGREE * len(few.free) - float(surer)
 
@@ -84,12 +84,6 @@ def _by_numbers(problem: Problem, found: Fit) -> float:
     entries = found.z[movable(problem, problem.catalogue[few.effect])] if few else np.zeros(0)
     unlikely = float((entries**2).sum()) / (2 * ENTRY_STD**2)
     return found.log_likelihood - NATS_PER_DEGREE * found.degrees - unlikely
-
-
-def covariance_of(h: Hypothesis, found: Fit, covariance: np.ndarray) -> np.ndarray:
-    """Covariance of the coordinates of one hypothesis of a fit, of that of all its numbers."""
-    own = [found.free.index(i) for i in h.free]
-    return covariance[np.ix_(own, own)]
 
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:

@@ -58,6 +58,15 @@ class Fit(NamedTuple):
         shapes = [shape[:, None] for h in self.hypotheses for shape in h.shapes]
         return np.hstack(shapes) @ self.coefficients.reshape(-1, 6) if shapes else np.zeros((1, 6))
 
+    def places(self, h: Hypothesis) -> list[int]:
+        """Where the coordinates of one hypothesis are among the free ones."""
+        return [self.free.index(i) for i in h.free]
+
+    def spread(self, h: Hypothesis, covariance: np.ndarray) -> np.ndarray:
+        """Covariance of the coordinates of one hypothesis, of that of all numbers."""
+        own = self.places(h)
+        return covariance[np.ix_(own, own)]
+
     def beside(self, h: Hypothesis) -> tuple[Hypothesis, ...]:
         """The other hypotheses."""
         return tuple(other for other in self.hypotheses if other is not h)

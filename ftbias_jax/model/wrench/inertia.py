@@ -77,3 +77,8 @@ def about_center_of_mass(theta: Float[Array, " 10"]) -> tuple[Float[Array, ""], 
     row, column = np.triu_indices(3)
     steiner = mass * ((center @ center) * (row == column) - center[row] * center[column])
     return mass, center, theta[4:] - steiner
+
+
+def without_round_off(values: Array | np.ndarray) -> np.ndarray:
+    """Numbers of a data sheet, in SI units, as they are told: a point mass has no inertia of 1e-18 kg m^2."""
+    return np.round(np.asarray(values), 15)

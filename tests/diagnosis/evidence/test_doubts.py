@@ -9,6 +9,8 @@ from ftbias_jax.diagnosis.evidence.causes import doubt_by, doubt_of
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, Shaped
 from ftbias_jax.diagnosis.proposals import entries, pulls
 from ftbias_jax.diagnosis.proposals.entries import ARMS, ROTATIONS, Whole, nearest, size_of_entries
+from ftbias_jax.diagnosis.regression.design_matrix import Columns
+from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 
@@ -88,7 +90,8 @@ AN_ARM = (AN_ARM / np.where(OFF, SIZE, 1))[OFF]
 def test_crosstalk_that_makes_up_a_turn_an_arm_or_gains_is_doubtful(monkeypatch, leaks, beside, of_gains, words):
     monkeypatch.setattr(entries, "share_of_gains", lambda *given: of_gains)
     whole = Hypothesis("crosstalk", tuple(range(30)))
-    fitted = SimpleNamespace(z=leaks, free=whole.free)
+    columns = Columns(*np.zeros((2, 0, 1, 6)))
+    fitted = Fit((whole,), leaks, np.zeros(0), np.zeros((1, 6)), columns, whole.free, 0.0)
     monkeypatch.setattr(entries, "whole_matrix", lambda *given: Whole(fitted, whole, np.eye(30), True))
     said = doubt_of(PROBLEM, SimpleNamespace(hypotheses=(Hypothesis(beside), whole)), whole)
     assert words in said
