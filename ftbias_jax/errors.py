@@ -1,22 +1,22 @@
-"""The errors a user can cause, each naming the place, the value and the remedy.
+"""Errors that a user can cause; each states the location, the offending value and the remedy.
 
 The command line prints ``str(error)`` as one line and exits with ``error.exit_code``; anything that is not an
 ``FtbiasError`` is a bug and keeps its traceback.
 """
 
 LONGEST = 2000
-"""Characters of a line that is printed: a list of many columns fits, a name of a megabyte does not."""
+"""Maximum number of characters of a printed line: a list of many columns fits, a name of a megabyte does not."""
 LONGEST_NAME = 200
-"""Of the name of a file, a topic or a column."""
+"""Maximum number of characters of the name of a file, a topic or a column."""
 
 
 def printable(text: str) -> str:
-    """Text on one line that cannot disturb a terminal: names in it may come from a log."""
+    """Text on one line without control characters, because names from a log could otherwise disturb a terminal."""
     return "".join(c if c.isprintable() else "?" for c in " ".join(cut(text, LONGEST).split()))
 
 
 def cut(text: str, longest: int = LONGEST_NAME) -> str:
-    """The text, or its beginning and its end with the number of characters left out between them."""
+    """Shorten text that is too long to its beginning and end, with the number of omitted characters between them."""
     if len(text) <= longest:
         return text
     half = longest // 2
@@ -24,7 +24,7 @@ def cut(text: str, longest: int = LONGEST_NAME) -> str:
 
 
 class FtbiasError(Exception):
-    """Base of every error a user can mend.
+    """Base class of all errors that a user can correct.
 
     Args:
         message: what is wrong, with the offending value.

@@ -1,4 +1,4 @@
-"""Files as the operating system has them: what a path names, and temporary files that must not outlive the process."""
+"""Operating-system files: the kind of file a path names, and temporary files that must not outlive the process."""
 
 import os
 import secrets
@@ -20,12 +20,12 @@ _temporary: set[str] = set()
 
 
 def no_regular_file(path: str | os.PathLike[str]) -> str:
-    """Why a path that is there cannot be read as a file, such as "is a FIFO"; "" if it can be.
+    """Reason why an existing path cannot be read as a file, such as "is a FIFO"; "" if it can be.
 
-    A FIFO waits for a writer and a device may never end, so both are refused before they are opened.
+    Reading a FIFO waits for a writer and a device may never end, so both are refused before they are opened.
 
     Raises:
-        OSError: it is not there, or symbolic links lead in a circle.
+        OSError: the path does not exist, or its symbolic links form a cycle.
     """
     kind = stat.S_IFMT(os.stat(path).st_mode)
     return "" if kind == stat.S_IFREG else _KINDS.get(kind, "is not a regular file")
@@ -33,25 +33,25 @@ def no_regular_file(path: str | os.PathLike[str]) -> str:
 
 @contextmanager
 def temporary(path: str) -> Iterator[str]:
-    """A file's name, under which nothing is left at the end, not even if the process is ended by a signal."""
+    """Yield the name of a file that is removed at the end, also if a signal ends the process."""
     _temporary.add(path)
     try:
         yield path
     finally:
-        with suppress(OSError):  # it may have been renamed
+        with suppress(OSError):  # The file may have been renamed.
             os.unlink(path)
         _temporary.discard(path)
 
 
 def replace_whole(target: str, write: Callable[[BinaryIO], object]) -> None:
-    """Write a file through a temporary one beside it: written, flushed to disk, then renamed.
+    """Replace a file as a whole: write a temporary file beside it, flush that to disk, then rename it.
 
     Args:
-        target: the file to make or replace, without links.
+        target: the file to create or replace, without links.
         write: called once with the open temporary file.
 
     Raises:
-        OSError: it cannot be written; what stood there before still stands there.
+        OSError: the file cannot be written; a previous file of that name is unchanged.
     """
     folder = os.path.dirname(target)
     unfinished = os.path.join(folder, f".ftbias-{secrets.token_hex(8)}.tmp")
@@ -62,10 +62,10 @@ def replace_whole(target: str, write: Callable[[BinaryIO], object]) -> None:
 
 
 def open_to_append(target: str) -> BinaryIO:
-    """A file to add lines to, made if it is not there; each write goes to its end, also beside other processes.
+    """Open a file for appending, created if it is missing; each write goes to its end even if other processes append.
 
     Raises:
-        OSError: it cannot be opened, or is a symbolic link.
+        OSError: the file cannot be opened, or is a symbolic link.
     """
     how = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
     return open(os.open(target, how, 0o666), "ab")
@@ -73,7 +73,7 @@ def open_to_append(target: str) -> BinaryIO:
 
 @contextmanager
 def temporary_folder() -> Iterator[str]:
-    """A new folder, which is removed at the end with all that is in it, also by a signal."""
+    """Yield a new folder that is removed with its contents at the end, also if a signal ends the process."""
     folder = keep_temporary_folder()
     try:
         yield folder
@@ -82,27 +82,27 @@ def temporary_folder() -> Iterator[str]:
 
 
 def keep_temporary_folder() -> str:
-    """A new folder until ``remove_temporary_folder``; a signal removes it, too."""
+    """Create a folder that exists until ``remove_temporary_folder`` or until a signal ends the process."""
     folder = tempfile.mkdtemp(prefix="ftbias-")
     _temporary.add(folder)
     return folder
 
 
 def remove_temporary_folder(folder: str) -> None:
-    """Remove a folder with all that is in it."""
+    """Remove a temporary folder with its contents."""
     shutil.rmtree(folder, ignore_errors=True)
     _temporary.discard(folder)
 
 
 def remove_temporary() -> None:
-    """Remove what is still there, before the process ends without unwinding."""
+    """Remove all remaining temporary files and folders, before the process ends without unwinding its stack."""
     for path in list(_temporary):
         with suppress(OSError):
             shutil.rmtree(path, ignore_errors=True) if os.path.isdir(path) else os.unlink(path)
 
 
 def _write_new(path: str, write: Callable[[BinaryIO], object]) -> None:
-    # Not the tempfile module: its files are private (mode 0600), a result has the mode of any new file.
+    # Files of the tempfile module are private (mode 0600), but a result should have the mode of any new file.
     with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666), "wb") as file:
         write(file)
         file.flush()
@@ -110,7 +110,7 @@ def _write_new(path: str, write: Callable[[BinaryIO], object]) -> None:
 
 
 def _sync_folder(folder: str) -> None:
-    """Make the rename itself last; where folders cannot be opened or synced the operating system decides."""
+    """Make the rename durable; where folders cannot be opened or synced, the operating system decides."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:

@@ -1,6 +1,6 @@
-"""Processes on one or many machines that tune together: each reads logs of its own, and only sums cross the network.
+"""Processes on one or many machines that tune together: each reads its own logs, and only sums cross the network.
 
-It is JAX's own runtime: on CPUs the processes talk by gloo, on GPUs by NCCL; one process a device is intended.
+It uses JAX's own runtime: on CPUs processes communicate by gloo, on GPUs by NCCL; one process per device is intended.
 """
 
 from collections.abc import Collection, Sequence
@@ -14,16 +14,16 @@ from ftbias_jax.errors import FtbiasError, LogError, UsageError
 
 
 def start(coordinator: str | None = None, processes: int | None = None, process: int | None = None) -> None:
-    """Join the other processes; call it before any array is made.
+    """Join the other processes; call it before any array is created.
 
     Args:
-        coordinator: HOST:PORT of process 0; None, like the other two, where JAX finds them out by itself (Slurm, Open
-            MPI, a TPU pod).
-        processes: how many there are.
-        process: which one this is, counted from 0.
+        coordinator: HOST:PORT of process 0; None, like the other two, where JAX finds them itself (Slurm, Open MPI, a
+            TPU pod).
+        processes: number of processes.
+        process: index of this process, counted from 0.
 
     Raises:
-        UsageError: they are not known, or the others do not answer.
+        UsageError: the processes are not known, or the others do not answer.
     """
     jax.config.update("jax_cpu_collectives_implementation", "gloo")
     try:
@@ -34,7 +34,7 @@ def start(coordinator: str | None = None, processes: int | None = None, process:
 
 
 def share(paths: Sequence[str]) -> list[str]:
-    """The logs of this process: every so manieth.
+    """The logs of this process: every n-th one for n processes.
 
     Raises:
         UsageError: there are fewer logs than processes.
@@ -46,11 +46,11 @@ def share(paths: Sequence[str]) -> list[str]:
 
 
 def agree(paths: Sequence[str], usable: Collection[str]) -> list[str]:
-    """Those of all logs that can be used, the same for every process.
+    """The usable ones of all logs, the same list for every process.
 
     Args:
-        paths: of all logs.
-        usable: those of this process that can be used.
+        paths: paths of all logs.
+        usable: paths of this process's logs that can be used.
     """
     counts = add(np.array([float(path in usable) for path in paths]))
     return [path for path, count in zip(paths, counts, strict=True) if count > 0]
@@ -63,7 +63,7 @@ def end_together(error: FtbiasError | None) -> None:
         error: why this process cannot go on; None = it can.
 
     Raises:
-        FtbiasError: the error; where another process has one, that it has.
+        FtbiasError: the given error, or that another process has one.
     """
     failed = add(np.array([float(error is not None)]))[0]
     if error is not None:
@@ -74,13 +74,13 @@ def end_together(error: FtbiasError | None) -> None:
 
 
 def total(value: float, slopes: np.ndarray) -> tuple[float, np.ndarray]:
-    """Sums over all processes of a likelihood and its slopes, the same bits everywhere: one psum."""
+    """Sums over all processes of a likelihood and its gradients, bitwise the same on each of them: one psum."""
     sums = add(np.concatenate([[value], np.ravel(slopes)]))
     return float(sums[0]), sums[1:].reshape(np.shape(slopes))
 
 
 def add(numbers: np.ndarray) -> np.ndarray:
-    """Sum over all processes of one array each."""
+    """Sum over all processes of one array per process."""
     mesh = jax.make_mesh((jax.device_count(),), ("device",))
     rows = np.zeros((jax.local_device_count(), len(numbers)))
     rows[0] = numbers

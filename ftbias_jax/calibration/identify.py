@@ -1,4 +1,4 @@
-"""The tool's inertial parameters from a log, jointly with the bias: nobody need have measured the tool."""
+"""Identification of the tool's inertial parameters from a log, jointly with the bias; the tool need not be measured."""
 
 from typing import NamedTuple
 
@@ -24,12 +24,12 @@ from ftbias_jax.types import Array, Gaussian, Sample
 
 MAX_ITERATIONS = 10
 MOUNTING_STD, GRAVITY_STD = 0.3, 0.1
-"""rad, prior of the turns of the sensor on the flange, from the likely quarter turn, and of gravity."""
+"""rad, prior standard deviations of the sensor's rotation about the likely axis-parallel one, and of gravity's."""
 LEVER_STD = 0.5
-"""m, prior of the distance at which a sensor turns whose position is not recorded: that of the joints of an arm. What
-accelerates it there goes with its orientation, and would be taken for weight."""
+"""m, prior standard deviation of the distance from a sensor without recorded position to the point it turns about: that
+of an arm's joints. Its acceleration varies with the orientation, and would be mistaken for weight."""
 OF_GRAVITY, OF_LEVER = slice(13, 16), slice(16, 19)
-"""Coordinates of a fit: behind the tool and the turn of the sensor."""
+"""Coordinates of a fit, after those of the tool and of the rotation of the sensor."""
 KEPT = "not determined by this motion, kept"
 PULLED = "not determined by this motion, as near to the setup as the others let it"
 NO_BETTER = "predicts unseen blocks no better than the setup's, kept"
@@ -41,52 +41,52 @@ class Identified(NamedTuple):
     theta: np.ndarray
     """(10,) inertial parameters (tool_wrench.py)."""
     values: np.ndarray
-    """(10,) as NAMES, inertia about the centre of mass."""
+    """(10,) in the order of NAMES, inertia about the centre of mass."""
     stderr: np.ndarray
-    """(10,); NaN where the setup's value is kept."""
+    """(10,) standard errors of ``values``; NaN where the setup's value is kept."""
     rotation: np.ndarray
     """(3,) rad, rotation vector from the stated to the identified mounting, sensor frame; 0 if not asked for."""
     rotation_stderr: np.ndarray
     gravity: np.ndarray
-    """(3,) m/s^2, base frame, of the stated size."""
+    """(3,) m/s^2, base frame, of the stated magnitude."""
     gravity_stderr: np.ndarray
     condition: float
-    """Condition number of the excitation of theta, in units of the mass and of RADIUS; above 1e3 the motion is poor."""
+    """Condition number of the excitation of theta, in units of the mass and of RADIUS; above 1e3 it is poor."""
     unexcited: list[str]
-    """What the log alone leaves open: parameters of the tool whose standard error is larger than half of what a tool of
-    size RADIUS could have; turns of the sensor and components of gravity, if asked for, that stay half as uncertain as
-    at first."""
+    """What the log alone does not determine: parameters of the tool whose standard error is larger than half of what a
+    tool of size RADIUS could have; rotations of the sensor and components of gravity, if fitted, with a standard error
+    above half their prior."""
     remarks: tuple[str, ...]
-    """(10) words on each parameter that is not identified: why it is kept; "" = identified."""
+    """(10) reason why each parameter is not identified; "" = identified."""
     bias: np.ndarray
-    """(6,) N, Nm at the end of the log; the report's sign: unbiased = measured + bias."""
+    """(6,) N, Nm at the end of the log, in the report's sign: unbiased = measured + bias."""
     bias_stderr: np.ndarray
-    """(6,)."""
+    """(6,) N, Nm."""
     excess: float = np.nan
-    """Size of the innovations that remain, in units of what the setup's noise expects."""
+    """Root mean square of the remaining innovations, in standard deviations of the setup's noise."""
     gain: float = np.nan
-    """nats over the start, as the log's own scatter counts them."""
+    """nats gained over the start, divided by the overdispersion of the log."""
     converged: bool = False
     lever: np.ndarray = np.zeros(0)
-    """(3,) m, mount's axes, by which the sensor is further from where it turns than stated; (0,): its path is known."""
+    """(3,) m, mount's axes: offset from the point the sensor turns about, beyond the stated one; (0,): path known."""
     lever_stderr: np.ndarray = np.zeros(0)
     swings: bool = False
-    """Whether blocks that are left out are predicted better with the lever."""
+    """Whether held-out blocks are predicted better with the lever arm."""
     left: np.ndarray = np.zeros((0, 6))
-    """(T, 6) N, Nm: the reading less what the tool found explains of it, NaN = not measured; none of static poses."""
+    """(T, 6) N, Nm: residual of the reading with the identified tool, NaN = not measured; (0, 6) for static poses."""
 
 
 def identify(
     params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, mounting: bool = False, gravity: bool = False
 ) -> Identified:
-    """Fit theta to the wrench's likelihood, physically consistent; what the log does not determine stays.
+    """Fit theta to the likelihood of the wrench, physically consistent; parameters that the log leaves open are kept.
 
     Args:
-        params: of the pipeline; params.theta is where to start, and what is kept.
-        samples: of one log.
-        options: of the pipeline.
+        params: parameters of the pipeline; params.theta is the start of the search, and is kept where undetermined.
+        samples: samples of one log.
+        options: options of the pipeline.
         mounting: also fit the sensor's rotation.
-        gravity: also fit its direction (its size is kept).
+        gravity: also fit the direction of gravity (its magnitude is kept).
     """
     joints = smoothed_joints(params.joint, *samples[:3], model=options.joint_model)
     quarter = _quarter_turn(params, joints, samples) if mounting else np.eye(3)
@@ -135,7 +135,7 @@ def _linearised(z: Array, params: Params, joints: Gaussian, samples: Sample, *, 
 
 @keep_program()
 def _readings(z: Array, params: Params, joints: Array, samples: Sample) -> Array:
-    """(T, 6) N, Nm that the sensor should read; z (P,) as of ``_moved``, joints (T, n, 3)."""
+    """(T, 6) N, Nm: predicted reading at parameters z (P,) as of ``_moved`` and joints (T, n, 3)."""
     return stages.predict_readings(_moved(params, z), joints, samples)
 
 
@@ -169,7 +169,7 @@ def _identified(
     values, stderr = np.where(kept, stated, values), np.where(kept, np.nan, stderr)
     to_bias = linear.bias_slopes.T @ slope
     bias_variance = found.dispersion * linear.bias_variance + np.einsum("ap,pq,aq->a", to_bias, covariance, to_bias)
-    missing = max(0, OF_GRAVITY.stop - len(x))  # turns that are not fitted are zero, and certain
+    missing = max(0, OF_GRAVITY.stop - len(x))  # rotations that are not fitted are zero, without error
     at, covariance = np.pad(linear.at, (0, missing)), np.pad(covariance, (0, missing))
     down, to_down = (np.asarray(x) for x in _gravity_and_slope(params.gravity, jnp.asarray(at[OF_GRAVITY])))
     rotation_stderr = np.sqrt(np.diag(covariance)[10:13])
@@ -211,7 +211,7 @@ def _remark(name: str, found: shown.Shown, open_: tuple[str, ...]) -> str:
 
 
 def _quarter_turn(params: Params, joints: Gaussian, samples: Sample) -> np.ndarray:
-    """The axis rotation from which to search the mounting (``likely_rotation``)."""
+    """Axis-parallel rotation from which the mounting is searched (``likely_rotation``)."""
     t, std = np.cumsum(np.asarray(samples.dt)), np.sqrt(np.asarray(params.bias.wrench_variance))
     columns = np.asarray(_columns_of_weight(params, joints.mean, samples))
     return likely_rotation(columns, np.asarray(samples.wrench), t, std)
@@ -233,8 +233,8 @@ def _turned(params: Params, rotation: np.ndarray) -> Params:
 
 
 def _moved(params: Params, z: Array) -> Params:
-    """Parameters at (P,): theta; maybe rotation vectors of the sensor and of gravity; and maybe how far the sensor is
-    from where a body turns whose position is not recorded."""
+    """Parameters at (P,): theta; optionally rotation vectors of the sensor and of gravity; and optionally the lever arm
+    of a sensor whose position is not recorded."""
     params = params._replace(theta=z[:10])
     if z.shape[0] == 10:
         return params
@@ -250,7 +250,7 @@ def _turned_gravity(gravity: Array, turn: Array) -> Array:
 
 @keep_program()
 def _gravity_and_slope(gravity: Array, turn: Array) -> tuple[Array, Array]:
-    """(3,) m/s^2 turned by a rotation vector, and (3, 3) its derivative with respect to that."""
+    """(3,) m/s^2: gravity turned by a rotation vector, and (3, 3) its derivative with respect to that vector."""
     return _turned_gravity(gravity, turn), jax.jacfwd(_turned_gravity, argnums=1)(gravity, turn)
 
 

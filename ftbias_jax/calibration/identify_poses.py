@@ -20,7 +20,7 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 CENTER_STD = 0.3
-"""m, prior of the centre of mass about the one stated; wide for any tool."""
+"""m, prior standard deviation of the centre of mass about the stated one; wide for any tool."""
 
 
 class PoseReport(NamedTuple):
@@ -28,21 +28,21 @@ class PoseReport(NamedTuple):
 
     poses: int
     drift: np.ndarray
-    """(2,) N, Nm: typical step of the bias of forces and torques from one pose to the next; 0 = it is constant."""
+    """(2,) N, Nm: typical step of the bias of forces and torques from one pose to the next; 0 = constant bias."""
     enlarged: float
-    """Factor of all standard errors, because the axes of force disagree on the mass; 1 = they agree."""
+    """Factor that enlarges all standard errors because the force axes disagree on the mass; 1 = they agree."""
     left_out: np.ndarray
-    """(2,) N, Nm: rms error of a pose predicted from all others, an axis of forces and of torques."""
+    """(2,) N, Nm: rms error per axis, of forces and of torques, of a pose predicted from all others."""
     plain: np.ndarray
-    """(4,) mass and centre of mass by plain least squares with a constant bias."""
+    """(4,) mass in kg and centre of mass in m by plain least squares with a constant bias."""
     plain_left_out: np.ndarray
-    """(2,) the same error of plain least squares."""
+    """(2,) N, Nm: the same errors with plain least squares."""
 
 
 def identify_poses(
     setup: Setup, poses: Poses, mounting: bool = False, gravity: bool = False
 ) -> tuple[Identified, PoseReport]:
-    """Fit mass, centre of mass and bias to readings at rest, and mounting and gravity if asked; the inertia stays."""
+    """Fit mass, centre of mass and bias to readings at rest, optionally mounting and gravity; the inertia is kept."""
     axes = _rotations(setup, poses)
     down, tool = np.asarray(setup.robot.gravity), setup.tool
     s = -np.einsum("nji,j->ni", axes, down)
@@ -104,7 +104,7 @@ def _identified(setup: Setup, found: Estimate, kept: Array, mounting: bool, grav
 
 
 def _unknown(found: Estimate, alone: bool = False) -> Array:
-    """(4,) whether the poses leave mass and centre of mass open; ``alone``: even with the others known."""
+    """(4,) whether the poses leave mass and centre of mass undetermined; ``alone``: even with the others known."""
     return np.isin(NAMES[:4], undetermined(_of_weight(found), tool_units(abs(found.mass))[:4], alone))
 
 
@@ -115,7 +115,7 @@ def _of_weight(found: Estimate) -> Array:
 
 
 def _rms(errors: Array) -> Array:
-    """(2,) of forces and of torques."""
+    """(2,) root mean square over forces and over torques."""
     return np.sqrt(np.square(errors).reshape(-1, 2, 3).mean((0, 2)))
 
 

@@ -1,4 +1,4 @@
-"""The verb ``identify_tool``: a setup with the tool, and if asked the mounting and gravity, that a log shows."""
+"""Public function ``identify_tool``: identifies the tool, and optionally mounting and gravity, from a log."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -32,24 +32,24 @@ from ftbias_jax.setup.types import BiasSetup, Setup
 
 @dataclass(frozen=True, eq=False)
 class IdentifyResult:
-    """A setup with the tool that a log shows, and how well it shows it."""
+    """A setup with the identified tool, and how well the log determines it."""
 
     setup: Setup
-    """With what was identified; ``save`` writes standard errors beside it."""
+    """Setup with the identified values; ``save`` writes standard errors beside them."""
     tool: Identified
-    """Values and standard errors, and what the motion leaves open."""
+    """Values and standard errors, and what the motion leaves undetermined."""
     mounting: bool
     """Whether the sensor's rotation on the flange was identified, too."""
     gravity: bool
     """Whether the direction of gravity was identified, too."""
     bias: bool = False
-    """Whether the setup has the bias found, as the prior of logs that follow."""
+    """Whether the setup holds the identified bias, as the prior of later logs."""
     poses: PoseReport | None = None
-    """Of static poses: how well each is predicted from the others; None = a log of motion."""
+    """For static poses, how well each is predicted from the others; None = a log of motion."""
     channels: Channels | None = None
-    """Gains of the sensor's channels and leaks between them; None = not asked for."""
+    """Gains of the sensor's channels and crosstalk between them; None = not asked for."""
     steps: tuple[Step, ...] = ()
-    """Where the reading jumps, and the bias was free to jump with it."""
+    """Steps of the reading at which the bias was free to jump."""
 
     @property
     def converged(self) -> bool:
@@ -57,14 +57,14 @@ class IdentifyResult:
         return self.tool.converged
 
     def save(self, path: str | os.PathLike[str], by: str = "") -> None:
-        """Write the setup that was found; ``Setup.save`` has the errors.
+        """Write the identified setup; raises what ``Setup.save`` raises, too.
 
         Args:
-            path: of the TOML file.
-            by: as of ``Setup.save``.
+            path: path of the TOML file.
+            by: as for ``Setup.save``.
 
         Raises:
-            LogError: nothing was found that could be written; no file is touched then.
+            LogError: nothing that could be written was identified; no file is touched then.
         """
         remedy = "turn the wrist through all directions of gravity, and keep the tool free of contact"
         if not self.converged:
@@ -114,34 +114,34 @@ def identify_tool(
     unchecked: bool = False,
     progress: Callable[[str], None] = silent,
 ) -> IdentifyResult:
-    """Find the tool's mass, centre of mass and inertia, physically consistent, jointly with the bias.
+    """Identify the tool's mass, centre of mass and inertia, physically consistent, jointly with the bias.
 
-    What the motion does not determine keeps the value of the setup; ``tool.remarks`` and ``print`` say so for each
+    What the motion does not determine keeps the value of the setup; ``tool.remarks`` and ``print`` state this for each
     parameter. Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's cache folder
-    (``FTBIAS_CACHE=off`` does not).
+    (``FTBIAS_CACHE=off`` disables it).
 
     Args:
-        setup: robot, sensor, noise, and a tool to start from, or its path; the tool's mass and centre of mass may be
-            left out.
-        log: of free motion that turns the wrist, as ``read_log`` gives it; or readings at rest, as ``read_poses`` does;
-            or the path of either.
-        mounting: also find how the sensor is turned on the flange, by any angle.
-        gravity: also find the direction of gravity in the base frame; its size is kept.
-        bias: also put the bias, with its standard error, into the setup: the prior of logs that are recorded next, as
-            long as nobody zeroes the sensor. It is constant, and they begin without drift, unless a drift is clearly
-            likelier and predicts the readings better; then it is that at the end.
-        crosstalk: also find the gains of the sensor's channels and the leaks between them, as effects of the setup, if
-            blocks of the log that are left out of the fit are likelier with them. Not from static poses.
-        unchecked: do not look first whether the setup can be right (``check_setup``).
+        setup: setup with robot, sensor, noise, and a tool to start from, or its path; the tool's mass and centre of
+            mass may be left out.
+        log: log of free motion that turns the wrist, as returned by ``read_log``; or readings at rest, as returned by
+            ``read_poses``; or the path of either.
+        mounting: also identify the rotation of the sensor on the flange, by any angle.
+        gravity: also identify the direction of gravity in the base frame; its magnitude is kept.
+        bias: also write the bias, with its standard error, into the setup: the prior of logs recorded next, as long as
+            the sensor is not zeroed. It is constant, and those logs begin without drift, unless a drift is clearly
+            likelier and predicts the readings better; then it is the bias at the end.
+        crosstalk: also identify the gains of the sensor's channels and the crosstalk between them, as effects of the
+            setup, if held-out blocks of the log are likelier with them. Not from static poses.
+        unchecked: skip the check whether the setup can be right (``check_setup``).
         progress: called with the name of each stage as it begins.
 
     Returns:
-        the setup found, with values in kg, m, kg m^2 about the centre of mass, sensor axes.
+        the identified setup, with values in kg, m, kg m^2 about the centre of mass, sensor axes.
 
     Raises:
-        SetupError: the setup is wrong in more than the tool, as the log shows. LogError: the log is in units or frames
+        SetupError: the log shows that more than the tool is wrong in the setup. LogError: the log is in units or frames
             that no setup states, or of an arm at rest.
-        UsageError: crosstalk is asked of static poses.
+        UsageError: crosstalk is asked for with static poses.
     """
     setup = as_setup(setup)
     log = as_motion(log, setup)
@@ -193,7 +193,7 @@ def identify_tool(
 
 
 def _prior(stated: BiasSetup, found: Identified, steady: SteadyBias | None) -> BiasSetup:
-    """The bias that was found, as what logs that follow expect."""
+    """The identified bias as the prior of later logs."""
     drift_std = stated.initial_drift_std if steady is None else steady.drift_std
     return replace(
         stated,
@@ -223,7 +223,7 @@ def _with_tool(setup: Setup, found: Identified, mounting: bool, gravity: bool) -
 
 
 def _comments(found: Identified, mounting: bool, gravity: bool, bias: bool) -> dict[str, str]:
-    """On every line that was identified, its standard errors; on what was kept, why."""
+    """Comments by key of the setup: standard errors of identified values, and why others are kept."""
     comments = {}
     for key, rows in (("mass", slice(0, 1)), ("center_of_mass", slice(1, 4)), ("inertia", slice(4, 10))):
         errors, remarks = found.stderr[rows], [remark for remark in found.remarks[rows] if remark]
@@ -242,12 +242,12 @@ def _comments(found: Identified, mounting: bool, gravity: bool, bias: bool) -> d
 
 
 MUCH = 5.0
-"""Innovations this many times larger than the noise stated are no noise."""
+"""Innovations this many times larger than the stated noise are not noise."""
 WHY_IT_JUMPS = "a tare (state sensor.rezeroed_at), a touch, or a load that changed; the bias is free to jump there"
 
 
 def motion_lines(found: Identified, steps: Sequence[Step]) -> list[str]:
-    """What a log of motion said, and where its reading jumps."""
+    """Lines about the fit to a log of motion, and about the steps of its reading."""
     lines = [f"likelihood gained: {found.gain:.1f} nats; condition number of the excitation: {found.condition:.0f}"]
     if found.excess > MUCH:
         lines.append(
@@ -258,7 +258,7 @@ def motion_lines(found: Identified, steps: Sequence[Step]) -> list[str]:
 
 
 def pose_lines(report: PoseReport) -> list[str]:
-    """How well static poses are predicted, and what least squares would have found."""
+    """Lines about how well static poses are predicted, and about the result of plain least squares."""
     drift = "constant bias"
     if report.drift.any():
         drift = f"bias drifting by {report.drift[0]:.2g} N, {report.drift[1]:.2g} Nm from pose to pose"

@@ -1,9 +1,9 @@
-"""Whether a tuned setup is better than the one before it, by what no likelihood can talk itself out of: prediction.
+"""Compare a tuned setup with the previous one by its predictions on held-out data.
 
-A likelihood that knows white noise alone takes correlated noise for a bias that runs wild: the score of the next sample
-soars, and the reading in a second is missed by newtons. So a tuned setup must also predict the reading 1 s and 10 s
-ahead no worse than the setup did, on the part of each log that was not fitted. A score falls only if it falls by more
-than it varies along the logs.
+A likelihood that models only white noise mistakes correlated noise for a rapidly wandering bias: the one-step score
+rises while the reading one second ahead is mispredicted by newtons. So a tuned setup must also predict the reading 1 s
+and 10 s ahead no worse than the previous one, on the part of each log that was not fitted. A score falls only if it
+falls by more than it varies along the logs.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,37 +28,37 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES, Array, Sample
 
 HORIZONS = (1.0, 10.0)
-"""s ahead."""
+"""s ahead at which predictions are compared."""
 WORSE = 1.05
-"""A prediction error this many times the one before is worse; less is chance."""
+"""Ratio of prediction errors, after to before, above which the tuned setup is worse; less is chance."""
 FEWEST = 200
-"""Predictions that make a figure."""
+"""Fewest predictions that give an rms error."""
 MOST_LOGS = 100
-"""Of more logs so many are judged, taken evenly: both setups are judged by the same ones."""
+"""Largest number of logs that are compared, evenly spaced among more; both setups are judged on the same ones."""
 SHORT = 20.0
-"""s: in less a bias hardly shows how it moves."""
+"""s; a shorter log hardly constrains how the bias moves."""
 STILL = 0.02
 """rad/s: joints that never move faster are at rest."""
 LEAST_LOSS = 1.0
-"""nats/s on unseen data; less does not matter."""
+"""nats/s on held-out data; a smaller loss is negligible."""
 STRETCHES = 8
-"""Of each log's unseen end, by which it is told how sure a score is."""
+"""Number of segments of each log's held-out end; the standard error of a score is from the scatter over them."""
 SURE = 2.0
-"""Standard errors; a smaller loss is chance."""
+"""Number of standard errors; a smaller loss is chance."""
 BURN_IN = 1.0
-"""s at the start of unseen data that do not count."""
+"""s at the start of held-out data that the score leaves out."""
 LIKELIHOODS: dict[str, Callable[..., Array]] = {"joint": joint_log_likelihood, "wrench": wrench_given_joints}
 
 
 class Predicted(NamedTuple):
-    """Root mean square errors of predicting the reading, (6,) N, Nm."""
+    """Root mean square errors of the predicted reading, (6,) N, Nm."""
 
     seconds: float
-    """How far ahead."""
+    """s, prediction horizon."""
     before: Array
     after: Array
     constant: Array
-    """Of a constant bias, the mean over what was fitted; NaN on axes that were not measured there."""
+    """Errors of a constant bias, the mean over the fitted part; NaN on axes that were not measured there."""
 
     @property
     def worse(self) -> list[str]:
@@ -77,16 +77,16 @@ def _larger(errors: Array, others: Array) -> list[str]:
 
 
 class HeldOut(NamedTuple):
-    """Log-likelihood of what the fit has not seen, nats a second."""
+    """Log-likelihood of held-out data, nats per second."""
 
     part: str
     """"joint" or "wrench"."""
     before: float
-    """With the noise of the setup."""
+    """Score with the noise of the setup."""
     after: float
-    """With the tuned noise."""
+    """Score with the tuned noise."""
     stderr: float
-    """Of the difference, by how much it varies along the logs."""
+    """Standard error of the difference, from its variation along the logs."""
 
     @property
     def falls(self) -> bool:
@@ -97,7 +97,7 @@ class HeldOut(NamedTuple):
 def held_out(part: str, nats: Array, seconds: float, total: Total = alone) -> list[HeldOut]:
     """Scores of M tuned setups beside that of the setup before them.
 
-    nats (1 + M, N) are of N stretches of unseen data, which last so many seconds together; total adds up the
+    nats (1 + M, N) are of N segments of held-out data, which last ``seconds`` in total; ``total`` sums over the
     processes that tune together.
     """
     gain = nats[1:] - nats[:1]
@@ -115,9 +115,9 @@ def held_out_samples(
     options: Options,
     total: Total,
 ) -> list[tuple[HeldOut, HeldOut]]:
-    """Scores of joints and wrench for each of several tuned sets of parameters, sample by sample.
+    """Sample-wise scores of joints and wrench for each of several tuned sets of parameters.
 
-    Before and in each tuned set there are the parameters of each tool, and logs of each, which none has seen.
+    ``before`` and each tuned set hold the parameters of each tool, ``logs`` the held-out samples of each tool.
     """
     parts = [
         (tool, pad(log, params_for_log.padded_length(len(log.dt))), float(log.dt.sum()))
@@ -147,9 +147,9 @@ def held_out_samples(
 def judge_predictions(
     before: Setup, after: Sequence[Setup], logs: Sequence[Log], hold_out: float
 ) -> list[tuple[Predicted, ...]]:
-    """Errors of each tuned setup and of the one before on the end of every log, for the horizons that fit into it.
+    """Prediction errors of each tuned setup and of the one before, on the end of every log at horizons that fit in.
 
-    Of all logs MOST_LOGS are judged; the filter sees them whole, as a user's would.
+    At most MOST_LOGS of the logs are used; the filter processes them whole, as a user's would.
     """
     logs = logs[:: -(-len(logs) // MOST_LOGS)]
     totals = {h: np.zeros((len(after), 3, 6)) for h in HORIZONS}
@@ -175,10 +175,10 @@ def judge_predictions(
 
 
 def prediction_errors(result: Filtered | FilterResult, noise: BiasNoise, ahead: float) -> Array:
-    """(T, 6) N, Nm: the reading less what ``FilterResult.forecast`` said so many s earlier; NaN = not predicted.
+    """(T, 6) N, Nm: the reading minus what ``FilterResult.forecast`` predicted ``ahead`` s before; NaN = not predicted.
 
-    What touches the tool is not predicted by anything, so samples that were not used do not count. Before the first one
-    that was, nothing is known of the bias of this log, and nothing is predicted.
+    Contact cannot be predicted, so samples that the filter did not use are left out. Before the first used sample
+    nothing is known of the bias of this log, and nothing is predicted.
     """
     first = 0 if result.used is None else np.argmax(result.used)
     past = np.searchsorted(result.t, result.t - ahead, side="right") - 1
@@ -195,7 +195,7 @@ def _of_used(result: Filtered | FilterResult, errors: Array) -> Array:
 
 
 def errors_of_constant_bias(result: Filtered | FilterResult, fitted: Array) -> Array:
-    """(T, 6) N, Nm: the reading less the tool's wrench and one bias, the mean over what was fitted (T,)."""
+    """(T, 6) N, Nm: the reading minus the tool's wrench and one bias, the mean over the ``fitted`` samples (T,)."""
     error = _of_used(result, result.wrench_unbiased - result.bias - result.wrench_tool)
     counts = np.isfinite(error) & fitted[:, None]
     mean = np.where(counts, error, 0).sum(0) / np.maximum(counts.sum(0), 1)
@@ -203,7 +203,7 @@ def errors_of_constant_bias(result: Filtered | FilterResult, fitted: Array) -> A
 
 
 def what_the_logs_show(noises: Sequence[LogNoise], logs: Sequence[Log]) -> list[str]:
-    """Why logs may not say what their noise is, in words; none if nothing stands out."""
+    """Reasons, in words, why the logs may not determine their noise; none if nothing stands out."""
     words = []
     if any(noise.slow is not None and noise.slow.std.any() for noise in noises):
         words.append("noise that is correlated over time, which white noise and drift cannot describe")
@@ -217,7 +217,7 @@ def what_the_logs_show(noises: Sequence[LogNoise], logs: Sequence[Log]) -> list[
 
 
 def _fastest(log: Log) -> float:
-    """rad/s of the fastest joint, by the positions over a tenth of a second or more."""
+    """rad/s, speed of the fastest joint from positions a tenth of a second or more apart."""
     step = float(np.median(np.diff(log.t))) if len(log.t) > 1 else 1.0
     q = log.q[np.isfinite(log.q).all(1)][:: max(1, round(0.1 / step))]
     return float(np.abs(np.diff(q, axis=0)).max(initial=0.0) / max(0.1, step))

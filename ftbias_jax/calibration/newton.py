@@ -1,10 +1,10 @@
 """Maximum likelihood over logarithms of noise parameters, by damped Newton iterations.
 
-The likelihood of independent filters is a sum over lanes (a joint or an axis each), so its Hessian is one small block a
-lane, which as many gradients as a lane has parameters determine; tying is a linear map of the logarithms. Parameters
-that reach all filters at once are those of one lane. All gradients of an iteration run side by side in vmapped calls,
-which cost little more than one of them. The data come in equal parts that are worked through one after the other, so
-that memory is bounded by a part; the first parts alone lead most of the way.
+The likelihood of independent filters is a sum over lanes (one joint or axis each), so its Hessian has one small block
+per lane, determined by as many gradients as a lane has parameters; tying is a linear map of the logarithms. Parameters
+that affect all filters together form a single lane. All gradients of an iteration run side by side in vmapped calls,
+which cost little more than one gradient. The data come in equal parts that are processed one after the other, so that a
+part bounds the memory; most iterations use the first parts alone.
 """
 
 import os
@@ -21,100 +21,100 @@ from ftbias_jax.runtime.many import do_all
 from ftbias_jax.types import Array
 
 LaneScore = Callable[[Array, Any], Array]
-"""(K, N) logarithms of K parameters of N lanes, and a part of the data -> (N,) nats. Scores that are equal and hash
-alike share one compiled program."""
+"""(K, N) logarithms of K parameters of N lanes, and a part of the data -> (N,) nats. Scores that compare equal and have
+equal hashes share one compiled program."""
 
 Report = Callable[[int, float], None]
-"""Told (iteration, nats)."""
+"""Callback with (iteration, nats)."""
 
 MAX_ITERATIONS = 60
 RESTART_SPREAD = np.log(10.0)
 LONGEST_STEP = 1.5
-"""Of a logarithm in one iteration: a factor of 4.5."""
+"""Largest change of a logarithm in one iteration: a factor of 4.5."""
 SHORTEN = 0.3
-"""A step that does not gain is shortened by this, at most SHORTENINGS times."""
+"""Factor that shortens a step without gain, at most SHORTENINGS times."""
 SHORTENINGS = 4
 SMALL_GAIN = 1e-3
-"""nats; converged when a further step promises less: 0.05 standard errors. That step is taken unseen."""
+"""nats; converged when the next step promises less: 0.05 standard errors. That step is taken without evaluation."""
 SMALL_GAIN_OF_PARTS = 0.1
-"""nats; the optimum of a part of the data is some standard errors from that of all, so it need not be exact."""
+"""nats; the optimum of a part of the data is some standard errors from that of all data, so it need not be exact."""
 HARDLY_A_GAIN = 1e-6
-"""The same where products and sums of parameters matter: at a slope that is left, what is open has a curvature."""
+"""nats, with products and sums of parameters: a remaining gradient would give undetermined directions a curvature."""
 GROWTH = 16
 UNDETERMINED = 1.0
 """A combination of logarithms with a larger standard error is not determined by the data."""
 THREADS = min(4, os.cpu_count() or 1)
-"""Parts that are worked on at the same time: a recursion over time keeps one core busy."""
+"""Number of parts that are processed at the same time: a recursion over time keeps one core busy."""
 DIFFERENCE = 1e-4
-"""Of a logarithm, to take the Hessian by differences of gradients."""
+"""Step of a logarithm for the Hessian by differences of gradients."""
 GRADIENTS_AT_ONCE = 16
-"""Side by side; this bounds the memory where a lane has many parameters."""
+"""Number of gradients side by side; bounds the memory where a lane has many parameters."""
 
 
 class Optimum(NamedTuple):
-    """Where the likelihood is largest. P = free values."""
+    """Maximum of the likelihood over P free values."""
 
     logs: np.ndarray
     """(P,) logarithms of the free values."""
     stderr: np.ndarray
-    """(P,) their standard errors: relative errors of the values; inf where the data say nothing."""
+    """(P,) their standard errors, which are relative errors of the values; inf where the data do not determine them."""
     information: np.ndarray
     """(P, P) observed Fisher information of the logarithms."""
     value: float
-    """Log-likelihood, nats; at most SMALL_GAIN below that of the place."""
+    """Log-likelihood, nats; at most SMALL_GAIN below its value at ``logs``."""
     iterations: int
-    """Over all data; those over parts of it are not counted."""
+    """Number of iterations over all data; those over parts of it are not counted."""
     converged: bool
     starts: int
     agreeing: int
-    """How many of the starts led to the same likelihood."""
+    """Number of starts that led to the same likelihood."""
 
 
 class _Point(NamedTuple):
-    """The likelihood at a place."""
+    """Likelihood, gradient and Hessian at one point."""
 
     z: np.ndarray
     value: float
     slope: np.ndarray
-    """(P,)."""
+    """(P,) gradient."""
     information: np.ndarray
-    """(P, P) minus the Hessian."""
+    """(P, P) negative Hessian."""
 
 
 class _Climb(NamedTuple):
-    """Where iterations ended."""
+    """Result of Newton iterations."""
 
     at: _Point
     beyond: np.ndarray
-    """The place and a last small step, taken unseen."""
+    """The last point plus a small step that was not evaluated."""
     iterations: int
     converged: bool
 
 
 Total = Callable[[float, np.ndarray], tuple[float, np.ndarray]]
-"""Value and slopes of this process -> their sums over all processes."""
+"""Value and gradients of this process -> their sums over all processes."""
 
 
 def alone(value: float, slopes: np.ndarray) -> tuple[float, np.ndarray]:
-    """The sums where there is one process."""
+    """Sums over processes where there is only one."""
     return value, slopes
 
 
 def quiet(iteration: int, value: float) -> None:
-    """Reports to nobody."""
+    """Ignore progress."""
 
 
 class Search(NamedTuple):
-    """How the noise of maximum likelihood is searched, and with whom."""
+    """Settings of a search for the maximum likelihood, and whom to share the work with."""
 
     restarts: int = 0
-    """Further starts, each value off by a random factor (10 or 1/10 is usual); ``Fit.optimum`` tells how many agree."""
+    """Further starts, each value off by a random factor (10 or 1/10 is usual); ``Fit.optimum`` counts agreeing ones."""
     report: Report = quiet
     """Called with (iteration, nats)."""
     total: Total = alone
-    """Adds up the processes that tune together, see ``maximise``."""
+    """Sums over the processes that tune together, see ``maximise``."""
     executor: Executor | None = None
-    """Whose workers take parts of the data; None = threads do."""
+    """Executor whose workers process parts of the data; None = threads do."""
 
     def starts(self, logs: np.ndarray) -> np.ndarray:
         """(1 + restarts, P) logarithms to start from."""
@@ -136,20 +136,19 @@ def maximise(
     small: float = SMALL_GAIN,
     executor: Executor | None = None,
 ) -> Optimum:
-    """Damped Newton iterations; needs double precision.
+    """Maximise a likelihood by damped Newton iterations; needs double precision.
 
     Args:
         score: per-lane log-likelihood of a part, differentiable in the logarithms.
-        parts: of the data, pytrees of arrays of the same shapes; the likelihood is the sum over them.
-        starts: (S, P) logarithms to start from; the best of where they lead, by the first parts of the data, is
-            pursued.
-        index: (K, N) which free value each entry of the score's argument is.
+        parts: parts of the data, pytrees of arrays of the same shapes; the likelihood is the sum over them.
+        starts: (S, P) logarithms to start from; only the best result on the first parts is pursued with all of them.
+        index: (K, N) index of the free value for each entry of the score's argument.
         report: called with (iteration, nats).
-        total: adds the processes that work together, each on parts of its own (distributed.py); all of them then take
-            the same steps, over all their parts from the start.
-        leading: parts that lead the way at first; then 16 times as many, 256 times, and all of them.
-        small: nats that a step may still promise at the end.
-        executor: whose workers take the parts; None = threads do.
+        total: sums over the processes that work together, each on its own parts (distributed.py); all of them then take
+            the same steps, with all their parts from the start.
+        leading: number of parts used at first; then 16 times as many, 256 times, and all of them.
+        small: nats that a step may still promise at convergence.
+        executor: executor whose workers process the parts; None = threads do.
     """
     fewest = leading if total is alone else len(parts)
     counts = [fewest * GROWTH**i for i in range(len(parts)) if fewest * GROWTH**i < len(parts)] + [len(parts)]
@@ -168,18 +167,18 @@ def maximise(
 
 
 def for_each(function: Callable[[Any], Any], parts: Sequence[Any], executor: Executor | None = None) -> list[Any]:
-    """A compiled function of every part of the data, some at a time; its results as numpy arrays.
+    """Apply a compiled function to every part of the data, several at a time; returns its results as NumPy arrays.
 
     Args:
-        function: of one part; can be pickled where there is an executor.
-        parts: of the data.
-        executor: whose workers take the parts; None = threads do.
+        function: function of one part; must be picklable if there is an executor.
+        parts: parts of the data.
+        executor: executor whose workers process the parts; None = threads do.
     """
     one = partial(_in_numpy, function)
     if len(parts) == 1:
         return [one(parts[0])]
     if executor is not None:
-        # On their way to a process that computes in float32, arrays of JAX lose their precision; those of numpy do not.
+        # JAX arrays lose precision on their way to a process that computes in float32; NumPy arrays do not.
         return do_all(one, [jax.tree.map(np.asarray, part) for part in parts], executor)
     first = one(parts[0])  # compiles, once
     with ThreadPoolExecutor(THREADS) as pool:
@@ -200,7 +199,7 @@ def standard_errors(information: np.ndarray) -> np.ndarray:
 
 
 def _climb(evaluate: Callable[[np.ndarray], _Point], start: np.ndarray, small: float, report: Report) -> _Climb:
-    """Newton's iterations until a step promises less than ``small``."""
+    """Newton iterations until the next step promises less than ``small``."""
     here = evaluate(start)
     for iteration in range(1, MAX_ITERATIONS + 1):
         step, gain = _ascent(here.slope, here.information)
@@ -210,7 +209,7 @@ def _climb(evaluate: Callable[[np.ndarray], _Point], start: np.ndarray, small: f
             there = evaluate(here.z + SHORTEN**shortening * step)
             if _finite(there.value) > _finite(here.value):
                 break
-        else:  # rounding hides what is left to gain
+        else:  # rounding errors exceed the remaining gain
             return _Climb(here, here.z, iteration, gain < 1e-2)
         here = there
         report(iteration, here.value)
@@ -218,14 +217,14 @@ def _climb(evaluate: Callable[[np.ndarray], _Point], start: np.ndarray, small: f
 
 
 def _finite(value: float) -> float:
-    """Nonsense is worse than anything."""
+    """The value; -inf if it is not finite."""
     return value if np.isfinite(value) else -np.inf
 
 
 def _evaluate(
     score: LaneScore, parts: Sequence[Any], index: np.ndarray, total: Total, executor: Executor | None, z: np.ndarray
 ) -> _Point:
-    """Value, gradient and minus Hessian, the latter by differences of gradients, all lanes at once."""
+    """Value, gradient and negative Hessian, the latter by differences of gradients of all lanes together."""
     K, P = len(index), len(z)
     x = z[index]
     points = np.concatenate([x[None], x + DIFFERENCE * np.eye(K)[:, :, None]])
@@ -243,7 +242,7 @@ def _evaluate(
 
 
 def _values_and_slopes(score: LaneScore, points: Array, part: Any) -> tuple[Array, Array]:
-    """Of (M, K, N) points: nats (M,) and their derivatives (M, K, N); what is compiled cannot be sent to workers."""
+    """Nats (M,) at points (M, K, N) and their gradients; not compiled itself, so that it can be sent to workers."""
     return _compiled(score, points, part)
 
 
@@ -256,7 +255,7 @@ def _compiled(score: LaneScore, points: Array, part: Any) -> tuple[Array, Array]
 
 
 def _ascent(slope: np.ndarray, information: np.ndarray) -> tuple[np.ndarray, float]:
-    """Newton's step with directions of wrong or no curvature turned uphill, and the gain it promises in nats."""
+    """Newton step, uphill also in directions of wrong or no curvature, and the gain in nats that it promises."""
     strength, directions = np.linalg.eigh(information)
     along = directions.T @ slope
     safe = np.maximum(np.abs(strength), UNDETERMINED**-2 / 100)

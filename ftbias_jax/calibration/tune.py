@@ -1,9 +1,9 @@
-"""Noise parameters of maximum likelihood, from one log or many.
+"""Maximum-likelihood noise parameters, from one log or many.
 
-The joints' noise is fitted to the joints' likelihood; then the noise of bias and sensor to the likelihood of the wrench
-given all joint measurements, past and future. That is the density of the whole log, p(joints) p(wrench | joints). Given
-the past only, the lag of the joint filter stays in the wrench, moves slowly, and is taken for drift: sigma_Q comes out
-up to 58 % too large (experiments/tuning). Parameters are logarithms: they need no bounds.
+The joint noise is fitted to the likelihood of the joint measurements, then the noise of bias and sensor to that of the
+wrench given all joint measurements, past and future: together, the density p(joints) p(wrench | joints) of the whole
+log. Given the past only, the lag of the joint filter would stay in the wrench, vary slowly and be mistaken for drift:
+sigma_Q comes out up to 58 % too large (experiments/tuning). Logarithms are fitted, because they need no bounds.
 """
 
 import itertools
@@ -33,34 +33,34 @@ from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array, Sample
 
 PIECE = 4096
-"""Joint filters forget within a fraction of a second, so their logs are cut into pieces that run side by side."""
+"""Samples of a piece of a log; joint filters forget within a fraction of a second, so pieces can run side by side."""
 PIECES_AT_ONCE = 4
-"""Or logs: few, because work on them takes the time of the longest."""
+"""Number of pieces, or logs, in one batch: few, because a batch takes as long as its longest member."""
 SAMPLES_AT_ONCE = 1 << 18
-"""Of whole logs side by side. Both bound the memory."""
+"""Largest number of samples of whole logs in one batch. This and PIECES_AT_ONCE bound the memory."""
 
 
 class Fit(NamedTuple):
-    """A fitted set of noise parameters and their standard errors; arrays over the lanes (joints or axes) by name."""
+    """Fitted noise parameters and their standard errors; arrays over the lanes (joints or axes) by name."""
 
     values: dict[str, np.ndarray]
     relative_stderr: dict[str, np.ndarray]
     undetermined: list[str]
-    """Combinations the data leave open, in words."""
+    """Combinations of parameters that the data do not determine, in words."""
     optimum: newton.Optimum
     determined: tuple[str, ...] = ()
-    """Sums that the data do determine where they leave parts of them open, in words."""
+    """Sums of variances that the data determine although their parts are undetermined, in words."""
 
 
 def stack(logs: Sequence[Sample], length: int = 0) -> Sample:
-    """Logs of unequal length as one bundle with a leading log axis, padded by samples that change nothing.
+    """Stack logs of unequal length into one batch with a leading log axis, padded by samples that change nothing.
 
-    At least one; ``length``: samples to pad to, if it is more than the longest has.
+    There must be at least one log; ``length`` is the number of samples to pad to if the longest log has fewer.
     """
     length = max(length, *(log.dt.shape[0] for log in logs))
 
     def fill(value: float, *leaves: Array) -> jax.Array:
-        # numpy, for every new shape would cost JAX a compilation
+        # NumPy, because JAX would compile anew for every shape.
         filled = np.full((len(logs), length, *leaves[0].shape[1:]), value, leaves[0].dtype)
         for row, leaf in zip(filled, leaves, strict=True):
             row[: len(leaf)] = leaf
@@ -76,8 +76,8 @@ def stack(logs: Sequence[Sample], length: int = 0) -> Sample:
 
 
 def cut(log: Sample, length: int) -> list[Sample]:
-    """Pieces of at most so many samples of the joints, equally long, each starting as a log of its own."""
-    whole = Sample(*(np.asarray(x) for x in log[:4]))  # joints do not feel the temperature
+    """Cut a log's joint measurements into equally long pieces of at most ``length`` samples, each a log of its own."""
+    whole = Sample(*(np.asarray(x) for x in log[:4]))  # the joints do not depend on the temperature
     count = -(-len(whole.dt) // length)
     ends = [len(whole.dt) * i // count for i in range(count + 1)]
     pieces = [Sample(*(x[start:end] for x in whole[:4])) for start, end in itertools.pairwise(ends)]
@@ -85,10 +85,10 @@ def cut(log: Sample, length: int) -> list[Sample]:
 
 
 def equal_parts(logs: list[Sample], at_once: int) -> list[list[Sample]]:
-    """Parts of equally many logs, at most ``at_once``, some filled up by a log that measured nothing.
+    """Group logs into parts of equally many, at most ``at_once``; parts are filled up with logs that measured nothing.
 
-    Those of a part are about as long as each other, because work on a part takes the time of its longest log. The first
-    parts are to speak for all, so parts of all lengths take turns.
+    The logs of a part are of similar length, because work on a part takes as long as its longest log. Parts of all
+    lengths alternate, because the first parts should be representative of all of them.
     """
     count = -(-len(logs) // at_once)
     size = -(-len(logs) // count)
@@ -109,11 +109,11 @@ def tune_joints(
     """Fit the noise of the joint filter.
 
     Args:
-        params: what is not fitted, and where to start.
+        params: values that are not fitted, and starting values.
         logs: samples of one robot.
         ties: key of TIES for each of JOINT_NAMES that is to be fitted.
-        options: of the pipeline.
-        search: how the maximum is searched.
+        options: options of the pipeline.
+        search: settings of the search for the maximum.
 
     Returns:
         params with the fitted noise, and the fit.
@@ -133,15 +133,15 @@ def tune_wrench(
     options: Options = DEFAULT_OPTIONS,
     search: Search = FROM_ONE_START,
 ) -> tuple[Params, Fit]:
-    """Fit the noise of bias and sensor, with the joints' noise as it stands, which should be the likeliest.
+    """Fit the noise of bias and sensor, given the joint noise in ``params``, which should be the likeliest.
 
     Args:
-        params: what is not fitted, and where to start.
+        params: values that are not fitted, and starting values.
         logs: samples of one robot.
         ties: key of TIES for each of WRENCH_NAMES that is to be fitted: density is sigma_Q, wrench_std the square root
             of the diagonal of Sigma_W.
-        options: of the pipeline.
-        search: how the maximum is searched.
+        options: options of the pipeline.
+        search: settings of the search for the maximum.
 
     Returns:
         params with the fitted noise, and the fit.
@@ -160,7 +160,7 @@ def fit_wrench(
     burn_in: float = WRENCH_BURN_IN,
     search: Search = FROM_ONE_START,
 ) -> tuple[Params, Fit]:
-    """``tune_wrench`` for joints that are already smoothed, or known; parts have arrays of the same shapes."""
+    """``tune_wrench`` for joints that are already smoothed or known; the arrays of all parts have the same shapes."""
     index, logs = tied({name: stated_noise(params)[name] for name in ties}, ties)
     return _fitted(params, WrenchScore(rows_of(index), burn_in), parts, index, logs, search)
 
@@ -173,7 +173,7 @@ def _fitted(
     logs: np.ndarray,
     search: Search,
 ) -> tuple[Params, Fit]:
-    """Parameters with the likeliest noise, which has a value for each lane, or one for those tied together; its fit."""
+    """Parameters with the likeliest noise, one value per lane or per group of tied lanes; and the fit."""
     lanes = np.array(list(index.values()))
     starts, by = search.starts(logs), search.executor
     fit = as_fit(index, newton.maximise(score, parts, starts, lanes, search.report, search.total, executor=by))
@@ -183,13 +183,13 @@ def _fitted(
 def fit_common(
     parts: Sequence[tuple[Params, WrenchLogs]], index: dict[str, np.ndarray], logs: np.ndarray, search: Search
 ) -> newton.Optimum:
-    """The likeliest noise of the wrench where its numbers reach all axes: one lane has them all.
+    """Maximise the wrench likelihood over noise parameters that affect all axes, so that one lane holds all of them.
 
     Args:
-        parts: all of them lead, because those of one tool alone leave much open.
-        index: of ``tied``.
-        logs: (P,) where to start, logarithms of N, Nm and the like.
-        search: how the maximum is searched, by one process.
+        parts: used together from the first iteration, because the logs of one tool alone leave much undetermined.
+        index: as returned by ``tied``.
+        logs: (P,) logarithms to start from, of values in N, Nm and the like.
+        search: settings of the search for the maximum, by one process.
     """
     score = WrenchScore(tuple((name, tuple(map(int, lanes))) for name, lanes in index.items()))
     every, starts = np.arange(len(logs))[:, None], search.starts(logs)
@@ -206,17 +206,17 @@ def fit_common(
 
 
 def stated_noise(params: Params) -> dict[str, Array]:
-    """(6,) each, of WRENCH_NAMES: N/s^1.5 and Nm/s^1.5, N and Nm."""
+    """Noise of bias and sensor in the parameters, (6,) for each of WRENCH_NAMES: N/s^1.5 and Nm/s^1.5, N and Nm."""
     return {"density": params.bias.density, "wrench_std": jnp.sqrt(params.bias.wrench_variance)}
 
 
 def as_fit(index: dict[str, np.ndarray], optimum: newton.Optimum, scale: np.ndarray | None = None) -> Fit:
-    """Values (n,) in N, Nm, rad and s, their relative errors, and what is open.
+    """Fit from an optimum: values (n,) in N, Nm, rad and s, relative standard errors, and undetermined combinations.
 
     Args:
-        index: of ``tied``.
-        optimum: of its free values.
-        scale: (P,) the data determine a logarithm whose error is less than one over this; None = 1.
+        index: as returned by ``tied``.
+        optimum: optimum over the free values of ``index``.
+        scale: (P,) a logarithm counts as determined if its standard error is below one over this; None = 1.
     """
     scale = np.ones(len(optimum.logs)) if scale is None else scale
     information = optimum.information / np.outer(scale, scale)

@@ -1,8 +1,8 @@
-"""Noise of bias and sensor where a log's errors are correlated in time, from blocks of the log.
+"""Noise of bias and sensor for logs with errors that are correlated in time, fitted to the means of blocks.
 
-Sample by sample, the likelihood is made by fast noise, and a model that is not quite right there bends the slow
-parameters to its needs. In means over blocks fast noise has averaged out: what is left is the bias and the errors that
-move as slowly, and they share one small likelihood.
+Fast noise dominates the sample-wise likelihood, and a model that is slightly wrong there distorts the slow parameters
+to compensate. In block means fast noise has averaged out: what is left is the bias and the errors that vary as slowly,
+and these share one small likelihood.
 """
 
 from collections.abc import Sequence
@@ -34,11 +34,11 @@ from ftbias_jax.model.params import Params
 from ftbias_jax.types import AXES, Array, Sample
 
 FOREVER = 1e6
-"""s: how a setup states, beside axes whose drift reverts, that that of an axis does not."""
+"""s: ``drift_time`` of an axis whose drift does not revert, in a setup where the drift of other axes does."""
 
 
 class LogInBlocks(NamedTuple):
-    """A log for the fit of its slow noise."""
+    """Blocks of a log, and the noise found in them."""
 
     blocks: Blocks
     noise: LogNoise
@@ -50,24 +50,24 @@ def look_at_each(params: Params, logs: Sequence[Log], options: Options) -> list[
 
 
 def is_correlated(logs: Sequence[LogInBlocks]) -> bool:
-    """Whether any log shows errors that vary slowly."""
+    """Whether any log shows errors that are correlated in time."""
     return any(log.noise.slow is not None and log.noise.slow.std.any() for log in logs)
 
 
 def tune_in_blocks(
     params: Params, logs: Sequence[LogInBlocks], tie: str, wanted: Sequence[str], report: Report = newton.quiet
 ) -> tuple[Params, dict[str, Fit]]:
-    """Correlated noise, level of the white noise, and the drift given both.
+    """Fit the correlated noise, the level of the white noise, and the drift given both.
 
-    The correlated noise and the level are medians over the logs of what each shows, the level never less than is
-    stated, as for a filter (``vibration.taken_level``). Of the drift the stated one stays unless another is
-    likelier on the means of blocks and forecasts no worse (``choose_drift``): with sigma_Q of maximum likelihood, by
-    Newton's method, or one that reverts to zero.
+    The correlated noise and the level are medians over the logs of what each log shows; the level is never less than
+    stated, as in a filter (``vibration.taken_level``). The stated drift is kept unless another one is likelier on the
+    block means and forecasts no worse (``choose_drift``): one with the maximum-likelihood sigma_Q, found by Newton's
+    method, or one that reverts to zero.
 
     Args:
-        params: with the likeliest noise of the joints.
-        logs: of ``look_at_each``.
-        tie: key of TIES, of sigma_Q.
+        params: parameters with the likeliest noise of the joints.
+        logs: as returned by ``look_at_each``.
+        tie: key of TIES for sigma_Q.
         wanted: some of "density" and "wrench_std".
         report: called with (iteration, nats).
 
@@ -87,7 +87,7 @@ def tune_in_blocks(
         return params, {}
     series = [as_series(log, sensor, params) for log in logs]
     longest = max(len(each.t) for each in series)
-    # The variance of a block's mean stands where the joints' share does; the sensor's own is in it.
+    # The variance of block means is passed as the joints' share; it includes the sensor noise, set to zero here.
     silent = params._replace(bias=bias._replace(wrench_variance=jnp.zeros_like(bias.wrench_variance)))
     parts = [(silent, _as_log(each, params, longest)) for each in series]
     tuned, fit = fit_wrench(silent, parts, {"density": tie}, burn_in=0.0, search=Search(report=report))
@@ -99,11 +99,11 @@ def tune_in_blocks(
 
 
 def held_out_blocks(before: Params, tuned: Sequence[Params], logs: Sequence[LogInBlocks], share: float) -> Array:
-    """(1 + len(tuned), N) nats of stretches of unseen blocks, each given those before, and of the scatter within them.
+    """(1 + len(tuned), N) nats of segments of unseen blocks: their means, each given those before, and their scatter.
 
-    Sample by sample slow errors would have no model, and the score would say nothing. The means score bias and slow
-    errors; the scatter scores the noise of samples, at rest and in motion. The setup before, whose blocks these are,
-    comes first; blocks are unseen after the given share of each log.
+    A sample-wise score has no model of slow errors and would be meaningless. The means score bias and slow errors, the
+    scatter scores the noise of samples, at rest and in motion. The first row is the setup before tuning, whose blocks
+    these are; blocks after the given share of each log are unseen.
     """
     return np.array(
         [np.concatenate([_unseen_nats(before, params, log, share) for log in logs]) for params in (before, *tuned)]
@@ -111,7 +111,7 @@ def held_out_blocks(before: Params, tuned: Sequence[Params], logs: Sequence[LogI
 
 
 def _unseen_nats(before: Params, params: Params, log: LogInBlocks, share: float) -> Array:
-    """(N,) nats, of equal stretches of the time of a log that is unseen."""
+    """(N,) nats of equally long segments of the unseen part of a log."""
     bias, (blocks, noise) = params.bias, log
     sensor = np.asarray(bias.wrench_variance - before.bias.wrench_variance, float)
     shaking = bias_filter.vibration(bias, np.sqrt(blocks.motion))
@@ -136,7 +136,7 @@ def _unseen_nats(before: Params, params: Params, log: LogInBlocks, share: float)
 
 
 def _nats_of_scatter(log: LogInBlocks, begin: float, end: float) -> float:
-    """Of the blocks between two times, up to a constant: Gamma distributed about the variance that is stated."""
+    """Log-likelihood, but for a constant, of block scatter between two times: Gamma distributed about ``stated``."""
     blocks, noise = log
     touched = in_contact(blocks.t, noise.contacts, float(np.median(np.diff(blocks.t))) if len(blocks.t) > 1 else 1.0)
     dof, stated = np.asarray(blocks.count) - 2.0, np.asarray(blocks.stated)
@@ -147,7 +147,7 @@ def _nats_of_scatter(log: LogInBlocks, begin: float, end: float) -> float:
 
 
 def _with_drift(fit: Fit, drift: Drift, given: Drift) -> Fit:
-    """The fit of sigma_Q where it was taken; elsewhere what was, and why."""
+    """The fit of sigma_Q where it was accepted; on other axes the chosen drift, its uncertainty, and the reason."""
     fitted = fit.values["density"]
     taken = np.isclose(drift.density, fitted, rtol=1e-6) & np.isinf(drift.time)
     stays = (drift.density == given.density) & (drift.time == given.time) & ~taken
@@ -171,7 +171,7 @@ def pooled(noises: Sequence[LogNoise]) -> tuple[Array, Array]:
 
 
 def as_series(log: LogInBlocks, sensor: Array, params: Params) -> Series:
-    """A log in blocks, without those in contact, and without what the prior expects of the bias."""
+    """Block means of a log without those in contact, minus the bias that the prior expects."""
     blocks, noise = log.blocks, log.noise
     seconds = float(np.median(np.diff(blocks.t))) if len(blocks.t) > 1 else 1.0
     touched = in_contact(blocks.t, noise.contacts, seconds)

@@ -1,9 +1,9 @@
-"""Where a fit of the noise starts: at the level that the logs themselves show, whatever the setup states.
+"""Starting values for a fit of the noise: the level that the logs themselves show, whatever the setup states.
 
-A stated noise that is wrong by orders of magnitude decides what a log seems to show: beside a drift 500 times too small
-every change of the bias is a slow error, beside one 500 times too large every slow error is drift, and each view is a
-maximum of the likelihood that no slope leaves. So the sensor's noise is first taken from the scatter within blocks, and
-the drift from the best of several levels, each with the slow errors that the logs show beside it.
+A stated noise that is wrong by orders of magnitude decides what a log seems to show: with a drift 500 times too small
+every change of the bias counts as a slow error, with one 500 times too large every slow error counts as drift, and each
+view is a local maximum of the likelihood that no gradient leaves. So the sensor noise is first taken from the scatter
+within blocks, and the drift from the best of several levels, each with the slow errors that the logs show beside it.
 """
 
 from collections.abc import Collection, Sequence
@@ -21,30 +21,30 @@ from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array
 
 LEVELS = (1.0, 0.1, 10.0, 0.01, 100.0, 1e-3, 1e3)
-"""Of the stated sigma_Q, the stated one first."""
+"""Factors of the stated sigma_Q to try, the stated one first."""
 FAR = 4.0
-"""A stated standard deviation within this factor of what the logs show is no mistake: the fit goes on from it."""
+"""A stated standard deviation within this factor of what the logs show is accepted as the start of the fit."""
 PRICE = LEAST_GAIN / 2
-"""nats that each of the two numbers of slow errors must gain; a level that is not the stated one, LEAST_GAIN."""
+"""nats that each of the two parameters of slow errors must gain; a level other than the stated one: LEAST_GAIN."""
 MOST_LOGS = 8
-"""Taken evenly: they show a level to far less than FAR."""
+"""Number of logs that are used, evenly spaced; they determine a level far more closely than FAR."""
 ROUNDS = 4
-"""Of the sensor's noise: what one look finds is bounded."""
+"""Number of corrections of the sensor noise, because the change that one of them finds is bounded."""
 
 
 def near_the_level(params: Params, logs: Sequence[Log], wanted: Collection[str], options: Options) -> Params:
-    """Parameters whose noise of sensor and drift is at the level that the logs show; unchanged where it is.
+    """Parameters whose sensor noise and drift are at the level that the logs show; unchanged where they already are.
 
     Args:
-        params: with the likeliest noise of the joints.
-        logs: what is fitted of each.
-        wanted: some of "density" and "wrench_std"; what is not fitted stays as it is stated.
-        options: of the pipeline.
+        params: parameters with the likeliest noise of the joints.
+        logs: the part of each log that is fitted.
+        wanted: some of "density" and "wrench_std"; noise that is not fitted stays as stated.
+        options: options of the pipeline.
     """
     logs = logs[:: -(-len(logs) // MOST_LOGS)]
     looked = look_at_each(params, logs, options)
     if all(log.noise.vibration is None for log in looked):
-        return params  # too short to say
+        return params  # too short to show its noise
     for level_of in (_of_all_blocks, *[_at_rest] * ROUNDS) if "wrench_std" in wanted else ():
         stated = np.asarray(params.bias.wrench_variance, float)
         level = level_of(looked, stated)
@@ -57,7 +57,7 @@ def near_the_level(params: Params, logs: Sequence[Log], wanted: Collection[str],
 
 
 def _of_all_blocks(looked: Sequence[LogInBlocks], stated: Array) -> Array:
-    """(6,) scatter within the usual block per stated variance: where that is far off, most blocks count as contact."""
+    """(6,) median scatter within blocks per stated variance; where that is far off, most blocks count as contact."""
     ratios = np.concatenate([log.blocks.scatter for log in looked]) / stated
     measured = np.where(np.isfinite(ratios) & (ratios > 0), ratios, np.nan)
     seen = np.isfinite(measured).any(0)
@@ -65,7 +65,7 @@ def _of_all_blocks(looked: Sequence[LogInBlocks], stated: Array) -> Array:
 
 
 def _at_rest(looked: Sequence[LogInBlocks], stated: Array) -> Array:
-    """(6,) variance of the sensor per stated one, the median over the logs; 1 where none is long enough to say."""
+    """(6,) variance of the sensor per stated variance, median over the logs; 1 if none is long enough to show it."""
     levels = [log.noise.vibration.level for log in looked if log.noise.vibration is not None]
     return np.median(levels, axis=0) if levels else np.ones_like(stated)
 
@@ -77,7 +77,7 @@ def _at_best_drift(params: Params, logs: Sequence[Log], options: Options) -> Par
     scored = [_scored(_with_density(params, level * stated), blocks) for level in LEVELS]
     value, squares = (np.stack(x) for x in zip(*scored, strict=True))
     value[1:] -= LEAST_GAIN
-    # A drift that follows the slow errors of a model is likely, and carries the bias away from where it will be.
+    # A drift that follows slow model errors is likely, but carries the bias away from its later value.
     worse = (np.nan_to_num(squares / squares[:1], nan=1.0) > WORSE**2).any(axis=1)
     best = np.where(worse, -np.inf, value).argmax(0)
     return _with_density(params, np.array(LEVELS)[best] * stated)
@@ -88,10 +88,10 @@ def _with_density(params: Params, density: Array) -> Params:
 
 
 def _scored(params: Params, logs: Sequence[InBlocks]) -> tuple[Array, Array]:
-    """The means of blocks with the slow errors that the logs show beside this drift.
+    """Score block means with the slow errors that the logs show beside this drift.
 
     Returns:
-        (6,) nats, less the price of the slow errors, and (H, 6) N^2, Nm^2 mean squared errors of forecasts.
+        (6,) nats, less the penalty for the slow errors, and (H, 6) N^2, Nm^2 mean squared errors of forecasts.
     """
     looked = [LogInBlocks(*look_in(params.bias, log)) for log in logs]
     std, time = params.bias.correlated_std, params.bias.correlated_time

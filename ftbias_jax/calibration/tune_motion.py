@@ -1,7 +1,7 @@
-"""Noise that grows with the motion, of maximum likelihood: weights of the joints' speeds, and the speed they bend at.
+"""Maximum-likelihood noise that grows with the motion: weights of joint speeds, and the speed where it turns linear.
 
-The scatter within short blocks shows which joints and axes matter, and about how much (``noise.vibration``). From
-there the likelihood of the wrench given the joints is climbed.
+The scatter within short blocks shows which joints and axes matter, and about how much (``noise.vibration``). From there
+the likelihood of the wrench given the joints is maximised.
 """
 
 from collections.abc import Sequence
@@ -28,15 +28,15 @@ from ftbias_jax.model.params import Params
 from ftbias_jax.types import Sample
 
 MOST_SAMPLES = 1 << 16
-"""Of all logs together, each from its beginning on: they tell a variance to a percent, and more would take minutes."""
+"""Samples of all logs together, each from its start: they give a variance to a percent, more would take minutes."""
 LEAST_SPEED = next(each.lower for each in CATALOGUE[VIBRATION].parameters if each.name == "speed")
-"""rad/s."""
+"""rad/s: smallest speed that a setup can state."""
 WILD = 6.0
-"""Standard deviations of a sample that is no noise of the motion, at what the blocks show: it does not count."""
+"""Standard deviations, with the noise that the blocks show, beyond which a reading is left out as an outlier."""
 
 
 def shown_vibration(logs: Sequence[LogInBlocks]) -> Vibration | None:
-    """Of the log that shows it best; None = no log does."""
+    """Noise in motion from the log that shows it best; None = no log does."""
     found = [log.noise.vibration for log in logs if log.noise.vibration is not None]
     best = max(found, key=lambda vibration: vibration.gain, default=None)
     return best if best is not None and best.per_speed.any() else None
@@ -50,18 +50,18 @@ def tune_motion(
     options: Options,
     report: Report = newton.quiet,
 ) -> tuple[Params, Fit]:
-    """Fit the noise that grows with the motion, and sigma_Q and the sensor's noise beside it if they are asked for.
+    """Fit the noise that grows with the motion, and sigma_Q and the sensor's noise with it if they are asked for.
 
     Args:
-        params: what is not fitted, and where to start with the rest; its joints' noise should be the likeliest.
+        params: values that are not fitted, and starting values of the rest; the joint noise should be the likeliest.
         logs: samples of one robot.
-        shown: by the blocks of the logs: where to start, which weights are not zero, and whether the growth bends.
+        shown: what the blocks show: starting values, which weights are not zero, and whether growth turns linear.
         ties: key of TIES for each of values.WRENCH_NAMES that is to be fitted, too.
-        options: of the pipeline.
+        options: options of the pipeline.
         report: called with (iteration, nats).
 
     Returns:
-        params with the noise, and the fit: ``vibration`` (n, 6) and, if it bends, ``vibration_speed`` (1,).
+        params with the noise, and the fit: ``vibration`` (n, 6) and, with linear growth, ``vibration_speed`` (1,).
     """
     dtype = params.theta.dtype
     speed = None if shown.speed is None else jnp.asarray(shown.speed, dtype)
@@ -78,20 +78,20 @@ def tune_motion(
 def fit_motion(
     params: Params, logs: Sequence[WrenchLogs], shown: Vibration, ties: dict[str, str], report: Report = newton.quiet
 ) -> tuple[Params, Fit]:
-    """``tune_motion`` for joints that are already smoothed, or known; a log has a leading axis of 1."""
+    """``tune_motion`` for joints that are already smoothed or known; a log has a leading axis of 1."""
     start = {name: stated_noise(params)[name] for name in ties} | {VIBRATION: shown.per_speed}
     if shown.speed is not None:
         start[VIBRATION_SPEED] = np.array([shown.speed])
     index, logarithms = tied(start, {VIBRATION: "each", VIBRATION_SPEED: "one", **ties})
     fit = as_fit(index, fit_common([(params, log) for log in logs], index, logarithms, Search(report=report)))
-    if VIBRATION_SPEED in fit.values:  # below what a setup states, growth with the speed alone is all there is
+    if VIBRATION_SPEED in fit.values:  # below this limit of a setup, all growth is linear anyway
         fit.values[VIBRATION_SPEED] = np.maximum(fit.values[VIBRATION_SPEED], LEAST_SPEED)
     return with_values(params, fit), fit
 
 
 @jax.jit
 def _without_wild(params: Params, logs: WrenchLogs) -> WrenchLogs:
-    """The logs without the readings that are WILD for these parameters."""
+    """The logs without readings whose innovations exceed WILD standard deviations for these parameters."""
 
     def kept(log: WrenchLogs) -> Sample:
         variance = log.joint_variance + own_variance(params, log.velocity)

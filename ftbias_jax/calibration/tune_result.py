@@ -1,4 +1,4 @@
-"""What ``tune`` gives: a setup with tuned noise, how well each number is known, and its scores."""
+"""Result of ``tune``: a setup with tuned noise, how well each value is known, and its scores."""
 
 import os
 from collections.abc import Sequence
@@ -15,41 +15,41 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES
 
 OPEN = 3.0
-"""A relative standard error from which on a number is not known from the logs."""
+"""Relative standard error from which on a value counts as not determined by the logs."""
 
 
 @dataclass(frozen=True, eq=False)
 class TuneResult:
-    """A setup with tuned noise, and what the logs say about each number."""
+    """A setup with tuned noise, and how well the logs determine each value."""
 
     setup: Setup
-    """With the tuned noise; ``save`` writes relative standard errors beside it."""
+    """Setup with the tuned noise; ``save`` writes relative standard errors beside it."""
     fits: dict[str, Fit]
-    """"joints" and "wrench", as far as they were asked for."""
+    """Fits by name, "joints" and "wrench", as far as they were asked for."""
     held_out: tuple[HeldOut, ...]
-    """Scores on the end of every log; () if nothing was held out."""
+    """Log-likelihood scores on the held-out end of every log; () if nothing was held out."""
     others: tuple[Setup, ...] = ()
-    """The setups of further tools, with the same noise."""
+    """Setups of the further tools, with the same noise."""
     predicted: tuple[Predicted, ...] = ()
-    """Errors of predicting the reading on the end of every log, before and after; () if nothing was held out."""
+    """Prediction errors of the reading on the end of every log, before and after; () if nothing was held out."""
     reasons: tuple[str, ...] = ()
     """Why the result should not be used; () if it is no worse than the setup was."""
 
     @property
     def converged(self) -> bool:
-        """Whether all fits found their maximum; if not, the values are the best so far."""
+        """Whether all fits reached their maximum; if not, the values are the best so far."""
         return all(fit.optimum.converged for fit in self.fits.values())
 
     @property
     def refusals(self) -> tuple[str, ...]:
-        """Why no command writes it without being forced: the reasons, and a search that did not end."""
+        """Why no command writes the setup unless forced: the reasons, and a fit that did not converge."""
         return self.reasons if self.converged else (*self.reasons, "a fit did not converge")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the tuned setup; ``Setup.save`` has the errors.
+        """Write the tuned setup; raises what ``Setup.save`` raises.
 
         Args:
-            path: of the TOML file.
+            path: path of the TOML file.
         """
         self.setup.save(path)
 
@@ -70,7 +70,7 @@ class TuneResult:
 
 
 def _advice(predicted: Sequence[Predicted]) -> list[str]:
-    """What to do where a bias that is taken from the log and held predicts better: it can be handed over."""
+    """Advice where a constant bias, taken from the log and held, predicts better: it can be given to later logs."""
     found = [(p.seconds, better) for p in predicted if (better := [x for x in p.constant_better if x.startswith("f")])]
     if not found:
         return []
@@ -82,7 +82,7 @@ def _advice(predicted: Sequence[Predicted]) -> list[str]:
 
 
 def _correlated(setup: Setup) -> list[str]:
-    """A line for each number of the noise that is correlated in time, if the setup has it."""
+    """Lines with the parameters of noise that is correlated in time, if the setup states it."""
     std, time = setup.sensor.correlated_std, setup.sensor.correlated_time
     if std is None or time is None:
         return []
@@ -93,7 +93,7 @@ def _correlated(setup: Setup) -> list[str]:
 
 
 def reasons_against(scores: Sequence[HeldOut], predicted: Sequence[Predicted], shown: Sequence[str]) -> tuple[str, ...]:
-    """Why a tuned setup should not be used, with what the logs show instead; () if it is no worse than before."""
+    """Reasons not to use a tuned setup, and what the logs show instead; () if it is no worse than before."""
     reasons = [
         f"the score of unseen {score.part} data falls by {score.before - score.after:.3g} nats/s"
         for score in scores
@@ -106,13 +106,13 @@ def reasons_against(scores: Sequence[HeldOut], predicted: Sequence[Predicted], s
 
 
 def is_better(moving: TuneResult, plain: TuneResult) -> bool:
-    """Whether noise that grows with the motion, fitted beside the rest, holds out better than the rest alone."""
+    """Whether a fit with noise that grows with the motion scores better on held-out data than the fit without it."""
     gain = moving.held_out[-1].after - plain.held_out[-1].after
     return gain > LEAST_LOSS and (not moving.reasons or bool(plain.reasons))
 
 
 def with_fit(wrench: Fit | None, motion: Fit) -> Fit:
-    """The fit of noise that grows with the motion as part of that of the wrench."""
+    """Fit of the wrench's noise, completed by the fit of noise that grows with the motion."""
     if wrench is None:
         return motion
     return motion._replace(
@@ -125,7 +125,7 @@ def with_fit(wrench: Fit | None, motion: Fit) -> Fit:
 def _table(fit: Fit) -> str:
     lines = []
     for name, values in fit.values.items():
-        # One row of six axes for each joint, where every joint has its own.
+        # One row of six axes per joint for a parameter that every joint has.
         for row, relative in zip(np.atleast_2d(values), np.atleast_2d(fit.relative_stderr[name]), strict=True):
             errors = zip(row, relative * row, strict=True)
             shown = (f"{x:.3g} ± {e:.1g}" if np.isfinite(e) else f"{x:.3g} (open)" for x, e in errors)
@@ -138,17 +138,17 @@ def _table(fit: Fit) -> str:
 
 
 def with_noise(setup: Setup, params: Params, fits: dict[str, Fit]) -> Setup:
-    """The setup with the noise that was fitted."""
+    """The setup with the fitted noise."""
     stated, wrench = params_from_setup(setup), fits.get("wrench")
     if "joints" not in fits:
         params = params._replace(joint=stated.joint)
     if wrench is None:
         return setup_with(setup, params, guarded=False)
     density = np.asarray(params.bias.density)
-    if "density" in wrench.relative_stderr:  # where the logs leave it open, the given one stays
+    if "density" in wrench.relative_stderr:  # axes that the logs leave open keep the given one
         density = np.where(wrench.relative_stderr["density"] < OPEN, density, setup.bias.noise_density)
     params = params._replace(bias=params.bias._replace(density=density))
-    parts = setup_from_values(wrench.values)  # in the words of the fit: of the parts, Params has the sum alone
+    parts = setup_from_values(wrench.values)  # as fitted, because Params holds only the sum of the parts
     if parts is not None:
         params = params._replace(bias=params.bias._replace(data_variance=stated.bias.data_variance))
     written = setup_with(setup, params, guarded=False)
@@ -156,7 +156,7 @@ def with_noise(setup: Setup, params: Params, fits: dict[str, Fit]) -> Setup:
 
 
 def comments_of(fits: dict[str, Fit]) -> dict[str, str]:
-    """Relative standard errors, for the lines of a setup."""
+    """Comments with relative standard errors, by key of the setup."""
     comments = {
         key_of(name): "tuned, relative standard errors " + " ".join(f"{x:.1g}" for x in errors.ravel())
         for fit in fits.values()

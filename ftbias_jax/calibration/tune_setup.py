@@ -1,4 +1,4 @@
-"""The verb ``tune``: a setup with the likeliest noise of logs, judged on what it has not seen."""
+"""Public function ``tune``: a setup with the maximum-likelihood noise of logs, compared on held-out data."""
 
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Executor
@@ -44,11 +44,11 @@ FIT = ("joints", "bias", "sensor", "data")
 FIT_BY_DEFAULT = FIT[:3]
 
 ReportFit = Callable[[str, int, float], None]
-"""Told ("joints", "pose" or "wrench", iteration, nats)."""
+"""Callback with ("joints", "pose" or "wrench", iteration, nats)."""
 
 
 def _nobody(label: str, iteration: int, value: float) -> None:
-    """Reports to nobody."""
+    """Ignore progress."""
 
 
 @in_float64
@@ -72,32 +72,32 @@ def tune(
     """Fit the noise of joints, bias and sensor to logs by maximum likelihood.
 
     Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's cache folder
-    (``FTBIAS_CACHE=off`` does not).
+    (``FTBIAS_CACHE=off`` disables it).
 
     Args:
-        setup: robot, sensor, tool, and noise to start from, or its path.
-        logs: of one robot and sensor, as ``read_log`` gives them, or their paths.
+        setup: setup with robot, sensor, tool, and noise to start from, or its path.
+        logs: logs of one robot and sensor, as returned by ``read_log``, or their paths.
         fit: some of FIT; with "data" the noise of bias, sensor and motion is fitted together, by its gradient.
         tie: whether sigma_Q and the sensor's noise have a value for "each" axis, for a "pair" of forces and torques, or
             "one" for all.
         data_noise: what to fit of Sigma_D: "one" number for each of its four parts, "three" for the axes of the sensor,
             or all "entries" of D.
-        others: setups of further tools on this robot and sensor, and their logs: they tell the noise of the sensor from
-            that of the motion.
-        restarts: further starts, all values off by random factors, to see whether they agree.
-        hold_out: share at the end of every log that is kept to judge by, 0 to 0.9.
-        start: the log whose likeliest joint noise to start from; None = the first one.
+        others: setups of further tools on this robot and sensor, and their logs: they separate the noise of the sensor
+            from that of the motion.
+        restarts: number of further starts, all values off by random factors, to see whether they agree.
+        hold_out: share at the end of every log that is held out for the comparison, 0 to 0.9.
+        start: log whose likeliest joint noise is the start; None = the first one.
         report: called after every iteration.
-        total: adds up the processes that tune together, as ``distributed.total`` does.
-        unchecked: do not look first whether the setups can be right (``check_setup``).
-        effects: of your own that the setups state.
-        executor: whose workers take parts of the logs at every step of the fits, as of ``filter_log``; the parts are
-            sent to them each time. None = up to four threads do.
+        total: sums over the processes that tune together, as ``distributed.total`` does.
+        unchecked: skip the check whether the setups can be right (``check_setup``).
+        effects: your own effects that the setups state.
+        executor: executor whose workers process parts of the logs at every step of the fits, as for ``filter_log``; the
+            parts are sent to them each time. None = up to four threads do.
 
     Raises:
-        UsageError: no log, or a name or share that does not exist.
-        SetupError: a further setup differs in more than its tool and the prior of its bias; or a setup is wrong, as its
-            logs show. LogError: the logs are in units or frames that no setup states.
+        UsageError: no log, or an invalid name or share.
+        SetupError: a further setup differs in more than its tool and the prior of its bias; or the logs show that a
+            setup is wrong. LogError: the logs are in units or frames that no setup states.
     """
     given = [(as_setup(each, effects), its_logs) for each, its_logs in ((setup, logs), *others)]
     tools = [(each, as_logs(its_logs, each)) for each, its_logs in given]
@@ -106,7 +106,7 @@ def tune(
     for each, its_logs in tools:
         require_right(each, its_logs, "tune", unchecked)
     options = Options(joint_model=setup.joints.model)
-    # Of what is fitted alone: a setup that had seen the rest could not be beaten there.
+    # Only from the fitted part: a setup that had seen the rest could not be improved on there.
     seen_first = _part(arrays_from_log(start or logs[0]), 0, 1 - hold_out)
     first = params_for_log.likeliest_params(setup, seen_first, options)
     stated = [first, *(params_from_setup(other)._replace(joint=first.joint) for other, _ in tools[1:])]
@@ -116,7 +116,7 @@ def tune(
     ]
     seen = [[_part(log, 0, 1 - hold_out) for log in logs_of_tool] for logs_of_tool in samples]
     fits: dict[str, Fit] = {}
-    # The wrench needs the likeliest process noise of the joints, even if nobody asked for it.
+    # The wrench needs the likeliest process noise of the joints, even if their noise is not to be fitted.
     names = JOINT_NAMES if "joints" in fit else JOINT_NAMES[:1]
     search = newton.Search(restarts, partial(report, "joints" if setup.pose is None else "pose"), total, executor)
     params, joints = tune_joints(first, list(chain(*seen)), dict.fromkeys(names, "each"), options, search)
@@ -139,7 +139,7 @@ def tune(
         if alone:
             tuned = [near_the_level(tuned[0], begun, wanted, options)]
             looked = look_at_each(tuned[0], begun, options)
-            if "density" in wanted:  # where the logs leave it open, its level is written
+            if "density" in wanted:  # written on axes that the logs leave open
                 level = np.asarray(tuned[0].bias.density, float)
                 written = [replace(setup, bias=replace(setup.bias, noise_density=level))]
         if is_correlated(looked):
@@ -153,7 +153,7 @@ def tune(
     candidates = [(tuned, fits)]
     vibration = shown_vibration(looked)
     if vibration is not None and "sensor" in fit and hold_out:
-        # Errors that are correlated leave the samples' likelihood no say in how fast the bias moves.
+        # With correlated errors the sample-wise likelihood cannot identify the density of the bias's random walk.
         beside = {} if correlated else wanted
         params, of_motion = tune_motion(tuned[0], seen[0], vibration, beside, options, told)
         candidates.append(([params], {**fits, "wrench": with_fit(fits.get("wrench"), of_motion)}))
@@ -209,7 +209,7 @@ def _check(
 
 
 def _part(samples: Sample, begin: float, end: float) -> Sample:
-    """A share of a log as a log of its own."""
+    """A part of a log, between two shares of its length, as a log of its own."""
     rows = slice(round(begin * len(samples.dt)), round(end * len(samples.dt)))
     part: Sample = jax.tree.map(lambda x: np.asarray(x)[rows], samples)
     return part._replace(dt=np.concatenate([[0], part.dt[1:]]))

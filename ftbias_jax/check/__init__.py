@@ -1,1 +1,1 @@
-"""Whether a setup can be right: wrong signs, units and frames recognised in the log, before anything is filtered."""
+"""Plausibility check of a setup: wrong signs, units and frames are detected from logs before anything is filtered."""

@@ -1,4 +1,4 @@
-"""The mistakes that people make in a setup, each as what would be true instead."""
+"""Common mistakes in a setup, each formulated as the alternative model that would hold if it had been made."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -29,13 +29,13 @@ UNITS = {
     "lbf ft": (1.0, 0.7375621, "multiply the torque by 1.35582"),
     "N and newtons of another unit of torque": (1e3, 1e6, "divide force by 1000 and torque by a million"),
 }
-"""Units -> how many of them are 1 N and 1 Nm, and what to do."""
+"""Name of units -> number of them in 1 N and in 1 Nm, and the remedy."""
 LEAST_DEGREES = 7.0
-"""A joint that never turns this far, in whatever it is, is not in degrees."""
+"""If no recorded angle of a revolute joint exceeds this value, whatever its unit, the angles are not in degrees."""
 
 
 def all_alternatives(state: State) -> Iterator[Alternative]:
-    """Every alternative to a state that is but one mistake away; recorded poses have more (``poses``)."""
+    """Yield every alternative that differs from a state by one mistake; those of recorded poses are in ``poses``."""
     yield _sign(state)
     yield from _wrench_units(state)
     yield from _tool_units(state)
@@ -98,7 +98,7 @@ def _tool_units(state: State) -> Iterator[Alternative]:
 
 
 def degrees(state: State) -> Iterator[Alternative]:
-    """The joints are in degrees; nothing if their numbers are too small for that, whatever the sensor reads."""
+    """Yield alternatives with joints recorded in degrees; none if their values are too small, whatever the wrench."""
     case = state.case
     setup, bins = case.setup, case.bins
     turning = setup.robot.screws[:, 3:].any(1)
@@ -117,7 +117,7 @@ def degrees(state: State) -> Iterator[Alternative]:
 
 
 def _joints(state: State) -> Iterator[Alternative]:
-    """Two joints of the log have changed places, or one turns the other way, or begins at another zero."""
+    """Yield alternatives in which two joints of the log are swapped, or one has the opposite sign or another zero."""
     setup, bins = state.case.setup, state.case.bins
     if setup.pose is not None:
         return
@@ -136,14 +136,14 @@ def _joints(state: State) -> Iterator[Alternative]:
 
 
 def _moved(state: State, words: str, q: Array, dq: Array, ddq: Array) -> Alternative:
-    """The joints moved like this."""
+    """Build the ``joint_convention`` alternative with this joint motion."""
     motion = arm_motion(state.case.setup.robot, state.case.setup.sensor, q, dq, ddq)
     return Alternative("joint_convention", words, state.but(motion=motion), 6)
 
 
 def _gravity(state: State) -> Iterator[Alternative]:
     if state.specific_force is not None:
-        return  # an accelerometer has gravity in it
+        return  # an accelerometer already measures gravity
     for axis, sign in product(range(3), (-1.0, 1.0)):
         gravity = sign * 9.81 * np.eye(3)[axis] + 0.0
         if np.linalg.norm(gravity - state.gravity) < 1:
@@ -161,7 +161,7 @@ def _gravity(state: State) -> Iterator[Alternative]:
 
 
 def _any_gravity(state: State) -> Iterator[Alternative]:
-    """The direction that fits readings at rest best; a log of motion would take a steady pull for it."""
+    """Yield the gravity direction that best fits poses at rest; in motion, a constant external force would mimic it."""
     layout = state.case.layout
     axes, force = (without_bias(x, layout) for x in (state.motion.rotation.transpose(0, 2, 1), state.wrench[:, :3]))
     weight = np.linalg.lstsq(axes.reshape(-1, 3), force.reshape(-1), rcond=None)[0]

@@ -1,4 +1,4 @@
-"""A log in short bins: the mean wrench of each, and the motion at that moment by parabolas through the joints."""
+"""Reduction of a log to short time bins: mean wrench per bin, and joint motion at its time from a parabola fit."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -13,15 +13,15 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 WIDTH = 0.1
-"""s: wide enough for accelerations, narrow enough that a robot's acceleration hardly changes within."""
+"""s, width of a bin: wide enough to estimate accelerations, short enough that they hardly change within it."""
 LEAST = 6
-"""Samples of the joints that a bin should have."""
+"""Minimum number of joint samples per bin; a sparser log gets wider bins."""
 WIDEST = 0.5
-"""s: samples that are farther apart than that are poses at rest."""
+"""s; joint samples that are half of this or more apart are poses at rest."""
 MOST = 150_000
-"""Samples looked at; a longer log is looked at in stretches."""
+"""Maximum number of samples that are binned; of a longer log only some segments are."""
 STRETCH, PIECES = 200, 8
-"""Bins in a row, and stretches, where a log is looked at in stretches."""
+"""Consecutive bins per segment, and maximum number of segments, for a log that is too long to be binned as a whole."""
 SPEED, ACCELERATION = 10.0, 50.0
 """rad/s, rad/s^2 or m/s, m/s^2: standard deviations of a very weak prior, which makes sparse bins solvable."""
 
@@ -32,25 +32,25 @@ class Bins(NamedTuple):
     t: Float[Array, " N"]
     """s, of the log; increasing."""
     q: Float[Array, "N n"]
-    """rad, m; of a recorded pose: its entries, by the pose alone."""
+    """rad, m; for a recorded pose: its entries, fitted without the recorded rates."""
     dq: Float[Array, "N n"]
     ddq: Float[Array, "N n"]
     wrench: Float[Array, "N 6"]
-    """N, Nm: on the tool, as the log has it."""
+    """N, Nm; mean wrench on the tool, as in the log."""
     count: Float[Array, " N"]
-    """Wrench samples of the bin."""
+    """Number of wrench samples per bin."""
     gyroscope: Array | None = None
-    """(N, 3) rad/s, sensor frame, as recorded; None = none."""
+    """(N, 3) rad/s, sensor frame, angular velocity as recorded; None = not recorded."""
     acceleration: Array | None = None
-    """(N, 3) m/s^2, base frame, by an accelerometer and the orientation as stated; None = none."""
+    """(N, 3) m/s^2, base frame, from an accelerometer and the orientation as stated; None = no accelerometer."""
     piece: Array | None = None
-    """(N,) how often the sensor was set to zero before, as the setup states; None = never."""
+    """(N,) number of times that, according to the setup, the sensor had been set to zero before; None = never."""
 
 
 def bins_of(log: Log | Poses, setup: Setup) -> Bins:
-    """A log in bins that have both motion and wrench; of static poses each is a bin, whenever it was recorded.
+    """Reduce a log to bins with both motion and wrench; each static pose is one bin, regardless of its time.
 
-    The setup says how well the joints are measured, and whether a pose was recorded instead.
+    The setup states the noise of the joint measurements, and whether a pose was recorded instead of joints.
     """
     if isinstance(log, Poses):
         rest, number = np.zeros_like(log.q), np.arange(len(log.q), dtype=float)
@@ -90,13 +90,13 @@ def bins_of(log: Log | Poses, setup: Setup) -> Bins:
 
 
 def join_bins(parts: Iterable[Bins]) -> Bins:
-    """Bins of one log after another's."""
+    """Concatenate the bins of several logs; a field that one of them lacks is None."""
     columns = zip(*parts, strict=True)
     return Bins(*(None if any(x is None for x in column) else np.concatenate(column) for column in columns))
 
 
 def _stretches(log: Log) -> Log:
-    """The log, or stretches of it that are spread over all of it."""
+    """Return the log, or evenly spread segments of it if it has more than MOST samples."""
     if len(log.t) <= MOST:
         return log
     samples = max(LEAST * STRETCH, round(STRETCH * WIDTH / max(np.median(np.diff(log.t)), 1e-6)))
@@ -116,7 +116,7 @@ def _sums(values: Array, first: Array) -> Array:
 def _parabola(
     values: Array, rates: Array, u: Array, first: Array, half: float, noise: tuple[Array, Array], at: Array
 ) -> tuple[Array, Array, Array]:
-    """Least squares of c0 + c1 u + c2 u^2 to values and of its slope to rates, in each bin; at u = ``at``.
+    """Fit c0 + c1 u + c2 u^2 to values and its slope to rates in each bin by least squares; evaluate at u = ``at``.
 
     Returns:
         value, rate and acceleration (N, n); NaN where a bin has no value.
@@ -125,7 +125,7 @@ def _parabola(
     has, has_rate = np.isfinite(values), np.isfinite(rates)
     x, v = np.where(has, values, 0), np.where(has_rate, rates * half, 0)
     powers = [np.ones_like(u), u, u**2, u**3, u**4]
-    # Where all joints are measured, or none, their sums over powers of time are the same.
+    # If every sample has all joints or none, the sums over powers of time are equal for all joints.
     has, has_rate = (each[:, :1] if (each == each[:, :1]).all() else each for each in (has, has_rate))
     S = [_sums(has * power, first) for power in powers]
     V = [_sums(has_rate * power, first) for power in powers[:3]]
@@ -153,7 +153,7 @@ def _parabola(
 
 
 def _line(values: Array, u: Array, first: Array, at: Array) -> tuple[Array, Array]:
-    """Value at u = ``at`` and slope (N, k) of a line through the values of each bin; slope 0 where there is but one."""
+    """Fit a line to the values of each bin: value at u = ``at`` and slope (N, k); slope 0 for a single value."""
     u = u[:, None]
     has = np.isfinite(values)
     x = np.where(has, values, 0)
@@ -166,7 +166,7 @@ def _line(values: Array, u: Array, first: Array, at: Array) -> tuple[Array, Arra
 
 
 def _gyroscope(log: Log, setup: Setup, u: Array, first: Array, at: Array) -> Array | None:
-    """The rates that a recording had before they were turned into rates of the quaternion (``io.pose``)."""
+    """Recover the recorded angular velocity from the quaternion rates that ``io.pose`` converted it to."""
     if not all(np.isfinite(x[:, :4]).all(1).any() for x in (log.q, log.dq)):
         return None
     turn = 2 * product(interpolated(log.q[:, :4], log.t) * [1, -1, -1, -1], log.dq[:, :4])[:, 1:]

@@ -1,4 +1,4 @@
-"""The verb ``check_setup``: mistakes of content in a setup, recognised from logs before anything is computed."""
+"""The verb ``check_setup``: detect mistakes in the content of a setup from logs before anything is computed."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import Executor
@@ -25,36 +25,36 @@ from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.setup import GivenSetup, Setup, as_setup
 
 MOST_MISTAKES = 2
-"""That are looked for beside those of a recorded pose; the second one with the first one mended."""
+"""Maximum number of mistakes sought besides those of a recorded pose; the second with the first one corrected."""
 PART, MOST_PARTS = 1 << 17, 16
-"""Samples of a part of a long log, and parts that are looked at."""
+"""Samples per part of a long log, and number of parts that are checked."""
 FAR_BETTER = 2.0
-"""Score by which an alternative must explain a reading that has nothing of the tool."""
+"""Margin in score by which an alternative must beat the model without a tool if the tool's weight seems absent."""
 WEAK = {"worse_than_raw", "raw_offset", "rezeroed", "compensated"}
-"""Mistakes that contact can feign: they are named only if no other is found without the bins that may be contact."""
+"""Mistakes that contact can mimic: they are reported only if trimming likely contact bins reveals no other mistake."""
 OF_AXES = {"sign", "gravity", "sensor_axes"}
-"""Mistakes that leave a weight as large as it is."""
+"""Mistakes that change the direction of a weight but not its magnitude."""
 FAR_SMALLER = 0.05
-"""Variance of the reading by that of what the setup makes of it, below which they do not explain the reading."""
+"""Ratio of the raw variance to the residual variance of the setup below which OF_AXES cannot explain the reading."""
 POSE_TIE = 0.1
-"""Difference of scores within which two conventions of a pose do equally well."""
+"""Difference of scores within which two conventions of a pose count as equally good."""
 
 
 def check_setup(
     setup: GivenSetup, logs: GivenMotion | Iterable[GivenMotion], *, executor: Executor | None = None
 ) -> Check:
-    """Whether a setup can be right, as far as logs show it: signs, units, frames, gravity, an offset.
+    """Check a setup against logs for mistakes in signs, units, frames and gravity, and for an offset.
 
-    The wrench is fitted by least squares with the bias free, once as the setup states and once with each of a list of
-    mistakes undone. A mistake is named only if undoing it explains decisively more on blocks of the log that the fit
-    has not seen, and neither an effect of the catalogue nor another tool would do. Takes a fraction of a second, and
-    does not need JAX.
+    The wrench is fitted by least squares with a free bias, once with the setup as stated and once with each of a list
+    of mistakes undone. A mistake is reported only if undoing it explains held-out blocks of the log decisively better,
+    and neither an effect of the catalogue nor another tool would do. Takes a fraction of a second and does not need
+    JAX.
 
     Args:
-        setup: what the robot's owner believes, or its path.
-        logs: of this robot, sensor and tool, as ``read_log`` gives them, or static poses, as ``read_poses`` does; or
+        setup: the setup as its owner states it, or its path.
+        logs: of this robot, sensor and tool, as ``read_log`` returns them, or static poses, as ``read_poses`` does; or
             their paths.
-        executor: whose workers read the logs of several and take from them what the check needs, as of ``filter_log``.
+        executor: reads and bins several logs in its workers, as for ``filter_log``.
 
     Raises:
         UsageError: there is no log, or logs of motion and static poses are mixed. LogError: one cannot be read.
@@ -78,7 +78,7 @@ def check_setup(
 
 
 def _in_bins(setup: Setup, log: GivenMotion) -> tuple[Bins, bool]:
-    """A log in bins, and whether it is one of static poses."""
+    """Bin a log; also return whether it consists of static poses."""
     log = as_motion(log, setup)
     return bins_of(log, setup), isinstance(log, Poses)
 
@@ -86,15 +86,15 @@ def _in_bins(setup: Setup, log: GivenMotion) -> tuple[Bins, bool]:
 def require_right(
     setup: Setup, logs: Iterable[Log | Poses], command: str, unchecked: bool, looked_for: Collection[str] = ()
 ) -> None:
-    """Refuse a setup that the logs show to be wrong, or that leaves nothing to look for.
+    """Raise an error if the logs show the setup to be wrong, or if the command has nothing to estimate in the reading.
 
-    The logs have no samples of stuck and clipped axes, and are not looked at if they are to stay ``unchecked``.
-    The command, tune, identify or diagnose, may be there to mend the mistakes ``looked_for``.
+    The logs are free of stuck and clipped samples, and are not checked if ``unchecked``. Mistakes in ``looked_for`` are
+    accepted, because the command (tune, identify or diagnose) is run to correct them.
 
     Raises:
-        UsageError: the tool is looked for in a reading from which the controller has subtracted it.
-        SetupError: the setup is wrong. LogError: the logs are in units or frames that no setup states, or too short for
-            a diagnosis.
+        UsageError: the command estimates the tool, but the controller has subtracted it from the reading.
+        SetupError: the setup is wrong. LogError: the logs are in units or frames that no setup can state, or too short
+            for a diagnosis.
     """
     refused = {"identify": ("weight", "tool"), "diagnose": ("weight",)}
     if setup.sensor.compensated in refused.get(command, ()):
@@ -111,7 +111,7 @@ def require_right(
 
 
 def check_case(case: Case | None, setup: Setup) -> Check:
-    """The same from bins; None = too few of them."""
+    """Check a setup against binned logs, as ``check_setup`` does; None = too few bins."""
     if case is None:
         return Check((), {}, setup.path, all_undetermined(pose=setup.pose is not None))
     checks: list[Check] = []
@@ -126,7 +126,7 @@ def check_case(case: Case | None, setup: Setup) -> Check:
             return checks[-1]
     check = next((check for check in checks if not check.ok), checks[0])
     unseen = [{kind.mistake for kind in other.undetermined} for other in checks]
-    for trim in trims[len(checks) :] if check.undetermined else ():  # a mistake would have led here, and may show
+    for trim in trims[len(checks) :] if check.undetermined else ():  # a mistake might only show with these trims
         kinds = undetermined(Evidence(stated(case.trimmed(trim))), tool_is_stated=not setup.tool.unknown)
         unseen.append({kind.mistake for kind in kinds})
     never = set.intersection(*unseen)
@@ -134,7 +134,7 @@ def check_case(case: Case | None, setup: Setup) -> Check:
 
 
 def check_parts(setup: Setup, parts: Callable[[int], Iterator[Log]], length: int) -> Check:
-    """The same of one log of ``length`` samples that is read in parts; of a long one some parts are looked at."""
+    """Check a setup against one log of ``length`` samples, read in parts; of a long log only some are checked."""
     if length <= PART:
         return check_setup(setup, [next(parts(length))])
     every = max(1, length // PART // MOST_PARTS)
@@ -143,7 +143,7 @@ def check_parts(setup: Setup, parts: Callable[[int], Iterator[Log]], length: int
 
 
 def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
-    """What is wrong with a setup, by the bins that a fit may use."""
+    """Check a setup on the bins that the case's trim leaves for fits."""
     state, case = first.state, first.state.case
     setup = case.setup
     if setup.sensor.compensated == "weight":
@@ -187,19 +187,19 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
 
 
 def _is_right_where_untouched(first: Evidence) -> bool:
-    """Whether the tool as stated is better than none where nothing touches it."""
+    """Return whether the tool as stated fits better than no tool in the contact-free part of the log."""
     if untouched(first) is None:
         return False
     return not findings.worse_than_raw(Evidence(first.state.but(case=first.state.case.trimmed(UNTOUCHED))))
 
 
 def _of_pose(first: Evidence) -> tuple[State, list[Mistake]]:
-    """The state with the pose's conventions put right, and what was wrong with them."""
+    """Return the state with the pose's conventions corrected, and the mistakes found in them."""
     state, found = first.state, []
     pose = state.case.setup.pose
     assert pose is not None
     tried = [
-        # The better fit of the reading and of its opposite: the sign is looked at later.
+        # The better fit of the reading and of its negative, because the sign is checked later.
         (convention, s, min((s.fit(), s.but(wrench=-s.wrench).fit()), key=lambda result: result.square[0]))
         for convention, s in poses.conventions(state)
     ]

@@ -1,4 +1,4 @@
-"""What contact feigns, told from mistakes: by the part of a log that is untouched, and by the levels around a step."""
+"""Distinguish contact from mistakes: by the contact-free part of a log, and by the levels before and after a step."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -15,35 +15,35 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 EXPLAINED, LEAST_PART, WORSE_THERE = 0.1, 0.1, 4.0
-"""Share of the tool's variance in a part of a log that a right setup may leave there; share of its variance in all of
-the log that the part must have; and factor by which what explains the part as badly is no mistake."""
+"""Maximum residual of a correct setup in a contact-free part of a log, as a share of the tool's variance there; minimum
+of that variance relative to the whole log; and factor of the residual up to which no alternative is rejected."""
 UNTOUCHED = 0.75
 """Share of the log that may be contact."""
 CLEAR = 3.0
-"""Times the noise of a bin that the tool's force must vary in that part."""
+"""Minimum standard deviation of the tool's force in that part, in units of the noise of a bin."""
 ZERO = 6.0
-"""Standard deviations of a sample within which a reading is zero."""
+"""Standard deviations of a sample within which a reading counts as zero."""
 STEEP = 2.5
-"""Times the change within the bins before or after that a step must have: a ramp has twice that."""
+"""Minimum height of a step relative to the change within the bins before or after it; a ramp has a ratio of two."""
 BESIDE, MOMENTS = 3, 9
-"""Bins before and after a tare that show the bias, and moments within a bin that are looked at."""
+"""Bins before and after a tare from which the bias is taken, and candidate times of the tare within a bin."""
 NEAR, FAR_OFF = 0.25, 0.5
-"""Share of a step within which a bin is at a level, along the step and across it."""
+"""Tolerance, as a share of a step, within which a bin is at a level: along the step and across it."""
 RUN = 5
-"""Bins in a row at a level that show it."""
+"""Consecutive bins at a level that establish it."""
 STILL = 0.02
-"""rad/s, m/s: joints that are slower stand still."""
+"""rad/s, m/s; slower joints stand still."""
 AROUND = 20
-"""Bins to either side over which the levels around a step must hold."""
+"""Bins on either side of a step over which the levels around it must hold."""
 STATE_TIMES = "state the times in sensor.rezeroed_at; a check of this log alone tells them to the sample"
 WINDOW, FEWEST = 0.3, 8
-"""s, and samples of the wrench, to either side of a tare as bins show it, within which the reading steps."""
+"""s, and wrench samples, on either side of a tare found in bins, within which the step of the reading is sought."""
 
 
 def stamped(check: Check, setup: Setup, log: Log | Poses) -> Check:
-    """The findings with the times of tares to the sample, as stamps of the log, and the key that states them.
+    """Refine the tares in the findings to single samples, as stamps of the log, and add the key that states them.
 
-    A check of static poses stays as it is.
+    A check of static poses is returned unchanged.
     """
     if isinstance(log, Poses):
         return check
@@ -62,7 +62,7 @@ def _stamped(found: Mistake, setup: Setup, log: Log) -> Mistake:
 
 
 def moment_of_tare(log: Log, t: float) -> float:
-    """s: where the reading steps the most around t, s, between the last sample before and the first after."""
+    """Return the time, s, of the reading's largest step around t, s: midway between the two samples of the step."""
     rows = np.flatnonzero(np.isfinite(log.wrench).all(1))
     first, last = np.searchsorted(log.t[rows], [t - WINDOW, t + WINDOW])
     middle = np.searchsorted(log.t[rows], t)
@@ -76,24 +76,24 @@ class Untouched(NamedTuple):
     """The part of a log where the stated setup is shown to be right."""
 
     rows: Array
-    """(N,) which bins."""
+    """(N,) mask of the bins in that part."""
     size: Array
     """(2,) variance of the stated tool's force and torque there, N^2 and Nm^2."""
     left: Array
-    """(2,) what the setup leaves of them there."""
+    """(2,) residual variance of force and torque there with the stated setup, N^2 and Nm^2."""
 
 
 def untouched(base: Evidence) -> Untouched | None:
-    """The part of the log that the stated setup explains best, if that shows it to be right.
+    """Return the part of the log that the stated setup explains best, if that part shows the setup to be right.
 
-    A mistake holds for all of a log, a contact for a part: where the stated tool turns, and the reading follows it for
-    a quarter of the log, signs, frames and force are right, whatever happens in the rest. None: nothing shows it.
+    A mistake affects a whole log, a contact only part of it: if the stated tool turns and the reading follows it for a
+    quarter of the log, then signs, frames and force are right, whatever happens in the rest. None: no part shows it.
     """
     state = base.state
     if state.swapped:
         return None
     case = state.case.trimmed(UNTOUCHED)
-    steady = (case.log[:, None] == np.unique(case.log)).astype(float)  # what is left may be too short to show a drift
+    steady = (case.log[:, None] == np.unique(case.log)).astype(float)  # the part may be too short to constrain a drift
     part = state.but(case=replace(case, layout=case.layout._replace(basis=steady))).fit()
     rows, tool = part.fit.kept, state.of_tool * np.repeat(state.unit, 3)
 
@@ -106,11 +106,11 @@ def untouched(base: Evidence) -> Untouched | None:
 
 
 def is_feigned(part: Untouched | None, alternative: Alternative, result: Result) -> bool:
-    """Whether an alternative fails where the stated setup is shown to be right: then contact feigns it."""
+    """Return whether contact mimics an alternative: it fails where the stated setup is shown to be right."""
     if part is None:
         return False
     left = result.errors[part.rows].mean(0)
-    if alternative.scale:  # other units would be wrong there, too
+    if alternative.scale:  # wrong units would affect that part, too
         fails = (part.left < EXPLAINED * part.size) & (left > BETTER * part.left)
     else:
         fails = (left > EXPLAINED * part.size) & (left > WORSE_THERE * part.left)
@@ -118,7 +118,7 @@ def is_feigned(part: Untouched | None, alternative: Alternative, result: Result)
 
 
 def zeroed_on_the_way(base: Evidence) -> Mistake | None:
-    """The sensor was set to zero while it recorded; None if it was not."""
+    """Return the mistake that the sensor was set to zero during the recording; None if it was not."""
     times = tares(base)
     if not times:
         return None
@@ -132,9 +132,9 @@ def zeroed_on_the_way(base: Evidence) -> Mistake | None:
 
 
 def tares(base: Evidence) -> list[float]:
-    """Times, s, at which the sensor was set to zero while it recorded: the reading jumps to zero on every axis.
+    """Times, s, at which the sensor was set to zero during the recording: the reading jumps to zero on every axis.
 
-    The reading also jumps to zero where a contact ends in the pose in which the sensor had been set to zero before.
+    The reading also jumps to zero where a contact ends in a pose in which the sensor had been set to zero before.
     """
     state = base.state
     case = state.case
@@ -144,7 +144,7 @@ def tares(base: Evidence) -> list[float]:
     t, reading, tool = case.bins.t, state.wrench, state.of_tool
     if len(t) <= 2 * BESIDE:
         return []
-    # Of every bin that has enough of them on both sides: what is beside it (N, 6, BESIDE), and where its log pauses.
+    # For every bin with enough neighbours: the bins on either side (N, 6, BESIDE), and whether its log pauses there.
     beside = np.lib.stride_tricks.sliding_window_view(reading - tool, BESIDE, axis=0)
     before, after = beside[: -BESIDE - 1], beside[BESIDE + 1 :]
     scatter = np.maximum(ZERO * noise, np.maximum(np.ptp(before, axis=2), np.ptp(after, axis=2)))
@@ -158,12 +158,12 @@ def tares(base: Evidence) -> list[float]:
         i = k + BESIDE
         if found and i - found[-1] < max(BESIDE, 1 / pause):
             continue
-        # At one moment from the bin before to the bin after the reading was zero on every axis.
+        # At some time between the previous and the next bin the reading must have been zero on every axis.
         zeroed = level[k] + np.concatenate([np.linspace(tool[j], tool[j + 1], MOMENTS) for j in (i - 1, i)])
         if not (np.abs(zeroed) < scatter[k]).all(1).any() or (np.abs(reading[k:i]) < scatter[k]).all():
             continue
         if not _returns(state, i, former[k], level[k]) and (
-            # A contact ends, or begins, by motion.
+            # A contact begins or ends by motion.
             np.abs(case.bins.dq[i - 1 : i + 2]).max() < STILL or _is_free(state, i, former[k], level[k])
         ):
             change = np.linalg.norm(np.diff((reading - tool)[i - 1 : i + 2, :3], axis=0), axis=1)
@@ -172,7 +172,7 @@ def tares(base: Evidence) -> list[float]:
 
 
 def _returns(state: State, i: int, former: Array, level: Array) -> bool:
-    """Whether the level after bin i was there before, or the former one comes back: then a contact ended or began."""
+    """Return whether the new level occurred before bin i or the former recurs after it: a contact ended or began."""
     case = state.case
     scale = case.setup.sensor.noise_std
     rows = np.flatnonzero(case.log == case.log[i])
@@ -187,7 +187,7 @@ def _returns(state: State, i: int, former: Array, level: Array) -> bool:
 
 
 def _is_free(state: State, i: int, former: Array, level: Array) -> bool:
-    """Whether the levels before and after bin i hold while the arm moves: what rests on a table does not move."""
+    """Return whether the levels around bin i hold while the arm moves, unlike those of a tool resting on a table."""
     case = state.case
     left = (state.wrench - state.of_tool)[:, :3]
     most = NEAR * np.linalg.norm((level - former)[:3])

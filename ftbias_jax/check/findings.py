@@ -1,4 +1,4 @@
-"""Findings: alternatives that are named, and what is none: an absent weight, an offset, clocks that differ."""
+"""Findings of a check: reported alternatives, and mistakes other than these: an absent weight, an offset, clocks."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -15,32 +15,32 @@ from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.types import Array
 
 WORSE = 1.15
-"""Factor of the raw variance from which a model is worse than nothing."""
+"""Ratio of the residual to the raw variance above which a model is worse than none."""
 LEAST_OFFSET = 0.2
 OFFSETS = np.concatenate([np.arange(-5, -LEAST_OFFSET + 0.01, 0.05), np.arange(LEAST_OFFSET, 5.01, 0.05)])
 """s, delays of the wrench that are tried; shorter ones are effects (time_delay, low_pass), not mistakes."""
 NEAR_OFFSET = 0.16
-"""s around the best one for the stated tool within which the tool is fitted again."""
+"""s from the best delay for the stated tool, within which the tool is fitted again."""
 OFFSET_BAD, OFFSET_BETTER = 0.01, 0.4
-"""Share of the raw variance that must be left without the offset, and share of that which it may leave."""
+"""Minimum residual without the offset, as a share of the raw variance; maximum share of that left with it."""
 LAGS, NEAR_LAGS = (0.1, 0.2, 0.3, 0.5, 0.8), np.linspace(0.75, 1.1, 8)
-"""s by which a low pass of the first order delays, which can look like an offset; of the second, per offset."""
+"""Low-pass delays that can look like an offset: of first order in s, of second order relative to the offset."""
 FAR = 8.0
-"""Standard deviations of the prior beyond which the bias is not what the setup expects."""
+"""Standard deviations of the prior beyond which the bias contradicts the setup."""
 FIRST = 2.0
-"""s at the start that show the bias which the prior speaks of."""
+"""s at the start of the log from which the initial bias is estimated, which the prior describes."""
 BY_CHANCE = 1e-6
-"""Probability from which a first reading of zero on every axis is no accident of the bias."""
+"""Probability below which a first reading of zero on every axis is not attributed to chance."""
 
 
 def worse_than_raw(base: Evidence) -> bool:
-    """Whether the tool exactly as stated leaves more of force or torque than no tool would."""
+    """Return whether the tool exactly as stated leaves a larger force or torque residual than no tool."""
     absent = [share.clear and share.value + 3 * share.stderr < 0.5 for share in base.shares]
     return bool((absent & (base.exact > WORSE * base.raw)).any())
 
 
 def as_stated(base: Evidence) -> Mistake:
-    """That the tool as stated is worse than none: another tool explains it, or nothing that is known here."""
+    """Return the mistake that the stated tool is worse than none, whether another tool explains the reading or not."""
     remedy = "check tool, signs, units and frames of the setup: what is wrong is not on the list of this check"
     mended_by: tuple[str, ...] = ("identify",)
     if base.free is not None and (base.free.square < BAD * base.raw).all():
@@ -49,7 +49,7 @@ def as_stated(base: Evidence) -> Mistake:
 
 
 def absence(base: Evidence) -> Iterator[Mistake]:
-    """The tool's weight is not in the reading; nothing if it is, or if nothing shows it."""
+    """Yield the mistake that the tool's weight is not in the reading; nothing if it is, or if no log shows it."""
     share = base.shares[0]
     if not share.clear or abs(share.value) + 2 * share.stderr > ABSENT or base.left[0] < 1:
         return
@@ -67,7 +67,7 @@ def absence(base: Evidence) -> Iterator[Mistake]:
 
 
 def time_offset(base: Evidence) -> tuple[float, Result] | None:
-    """How much later than the motion the wrench is stamped, s, and the fit with it; None if that is not the mistake."""
+    """Return the delay, s, of the wrench's stamps behind the motion's, and the fit with it; None if there is none."""
     left = base.left[0]
     if left < OFFSET_BAD:
         return None
@@ -85,18 +85,18 @@ def time_offset(base: Evidence) -> tuple[float, Result] | None:
     near = OFFSETS[np.abs(OFFSETS - best) < NEAR_OFFSET]  # with the tool fitted again
     result, best = min(((state.but(delay=float(x)).fit(), x) for x in near), key=lambda pair: pair[0].square[0])
     if abs(best) < LEAST_OFFSET + 0.01:
-        return None  # a shorter one may do better
+        return None  # a delay below LEAST_OFFSET may fit better
     if not result.square[0] < OFFSET_BETTER * base.result.square[0] or result.square[0] > GOOD * base.raw[0]:
         return None
     for lag, order in (*((lag, 1) for lag in LAGS), *((abs(best) * share, 2) for share in NEAR_LAGS)):
-        # The closer to an offset, the better must a low pass be to stand for it.
+        # A second-order low pass resembles an offset more closely, so it must fit better to replace it.
         if state.but(lag=lag, order=order).fit().square[0] < 2 / order * result.square[0]:
             return None
     return (float(best), result) if decisively(base.result, result, (0,), layout.block) else None
 
 
 def of_bias(base: Evidence) -> Iterator[Mistake]:
-    """The bias was set to zero on the way, or is not what its prior says: a raw offset, or zero with the tool on."""
+    """Yield mistakes of the bias: zeroed while recording or with the tool on, or an offset far outside its prior."""
     tared = zeroed_on_the_way(base)
     if tared is not None:
         yield tared
@@ -109,7 +109,7 @@ def of_bias(base: Evidence) -> Iterator[Mistake]:
     axes, std = state.case.layout.axes, setup.bias.initial_std
     near = _near_zero(state, tool)
     largest = {"largest_reading": float(f"{np.abs(np.median(state.wrench, 0)).max():.5g}")}
-    # What touches the sensor as the log begins moves its reading, but not the level of the log.
+    # Contact at the start of the log changes the first readings, but not the level of the whole log.
     level = np.median((tool - state.wrench)[base.result.fit.kept], 0)
     zero = (np.abs(state.case.wrench[0]) < near)[axes].all()
     stays = np.linalg.norm((level - tool[0])[:3]) < np.linalg.norm((tool[0] - setup.bias.initial)[:3]) / 2
@@ -126,22 +126,22 @@ def of_bias(base: Evidence) -> Iterator[Mistake]:
 
 
 def zero_would_show(state: State) -> bool:
-    """Whether a first reading of zero is what the setup's prior excludes: the tool's weight is expected beside it."""
+    """Return whether the setup's prior excludes a first reading of zero: the tool's weight is expected in it."""
     setup, axes = state.case.setup, state.case.layout.axes
     tool, std = state.of_tool, setup.bias.initial_std
     near, moved = _near_zero(state, tool), np.abs(tool[1] - tool[0])
     by_chance = np.prod(np.minimum(1, near / std)[axes])
-    weight = np.abs(tool[0] - setup.bias.initial)[axes]  # expected to be read, beside zero
+    weight = np.abs(tool[0] - setup.bias.initial)[axes]  # expected distance of the first reading from zero
     return bool((weight > (std + moved)[axes]).any() or ((weight > near[axes]).any() and by_chance < BY_CHANCE))
 
 
 def _near_zero(state: State, tool: Array) -> Array:
-    """(6,) N, Nm: how far from zero a first reading may be: a tool that moves moves on within the first bin."""
+    """(6,) N, Nm: tolerance for a first reading of zero; a moving tool changes its wrench within the first bin."""
     return ZERO * state.case.setup.sensor.noise_std + state.case.moves * np.abs(tool[1] - tool[0])
 
 
 def named(first: Evidence, tied: Sequence[Tried]) -> Mistake:
-    """The mistake of the first of alternatives that do as well, beside it those of the others that differ from it."""
+    """Return the first of equally good alternatives as the mistake, and the others that differ from it as ``alike``."""
     different: list[Alternative] = []
     for alternative, _ in tied:
         if not any(_is_same(alternative, other) for other in different):
@@ -153,7 +153,7 @@ def named(first: Evidence, tied: Sequence[Tried]) -> Mistake:
 
 
 def _is_same(one: Alternative, other: Alternative) -> bool:
-    """Whether two alternatives ask for the same, but for the axes of the centre of mass and a few degrees."""
+    """Return whether two alternatives demand the same, up to the centre of mass's axes and rotations by LEAST_TURN."""
     a, b = one.setup or {}, other.setup or {}
     if one.mistake != other.mistake or a.get("sensor.reports") != b.get("sensor.reports"):
         return False
@@ -167,7 +167,7 @@ def _is_same(one: Alternative, other: Alternative) -> bool:
 
 
 def clocks(base: Evidence, first: Evidence, delay: float, result: Result) -> Mistake:
-    """The clocks of wrench and motion differ."""
+    """Return the mistake that the clocks of wrench and motion differ."""
     later, than = ("wrench", "motion") if delay > 0 else ("motion", "wrench")
     remedy = f"the {later} is stamped {abs(delay):.2f} s later than the {than}: shift its stamps"
     states = -1 <= delay <= 2 and base.state.case.setup.pose is None
@@ -176,7 +176,7 @@ def clocks(base: Evidence, first: Evidence, delay: float, result: Result) -> Mis
 
 
 def numbers(first: Evidence, result: Result) -> dict[str, Any]:
-    """Rms of what is left as stated and if mended, and of the reading itself, force and torque."""
+    """Rms of the raw reading and of the residuals of the setup as stated and as corrected, for force and torque."""
     numbers = {"rms_raw": first.raw, "rms_as_stated": first.exact}
     if result is not first.result:
         numbers["rms_if_mended"] = result.square

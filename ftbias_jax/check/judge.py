@@ -1,4 +1,4 @@
-"""Which alternative is named: one that explains what neither the setup nor a small effect nor another tool does."""
+"""Decide which alternative is reported: one that explains what the setup, a small effect or another tool does not."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,44 +12,44 @@ from ftbias_jax.check.state import PENALTY, Alternative, Result, State
 from ftbias_jax.types import Array
 
 BAD = 0.3
-"""Share of the raw variance that the stated model must leave before another is looked for: effects of the catalogue at
-their typical size leave 0.1 and less."""
+"""Residual of the stated model, as a share of the raw variance, above which an alternative is sought: effects of the
+catalogue at their typical size leave 0.1 or less."""
 BETTER = 0.25
-"""Share of what the stated model leaves that an alternative may leave."""
+"""Maximum residual of an alternative relative to that of the stated model."""
 DOUBTFUL, FAR_BETTER = 0.05, 0.03
-"""The same two where the stated model leaves less: no effect is explained that well by a mistake. A sensor that turns
-about one axis may be mounted wrong, and the stated tool still explains most of its reading."""
+"""The same two limits for a stated model with a smaller residual: no effect is explained that well by a mistake. If a
+sensor turns about one axis only, it may be mounted wrong while the stated tool still explains most of its reading."""
 OF_JOINTS = 0.02
-"""Share of the raw variance, and of what the stated model leaves, that another order, direction or zero of a joint may
-leave: there are dozens, and one of them may lie where a strong cable pulls (0.05)."""
+"""Maximum residual of another order, direction or zero of a joint, relative to the raw variance and to the stated
+model's residual: there are dozens of these, and one of them may by chance fit a strong cable's pull (residual 0.05)."""
 GOOD, GOOD_TOUCHED = 0.3, 0.1
-"""Share of the raw variance that it may leave, and where most bins are left out, so that it may choose its own."""
+"""Maximum residual of an alternative as a share of the raw variance; the second one where a fit may trim most bins."""
 SAME = 1.5
-"""Factor within which another tool does as well as an alternative."""
+"""Maximum residual of an alternative relative to that of a free tool with the setup as stated."""
 SLACK = 0.01
-"""Share of the raw variance that is added to that."""
+"""Share of the raw variance that is added to that limit."""
 TIE = 0.35
-"""Difference of scores within which two alternatives do equally well."""
+"""Difference of scores within which two alternatives count as equally good."""
 SURE = 3.0
-"""Standard errors over blocks by which an alternative must be better."""
+"""Standard errors, over blocks, by which an alternative must be better."""
 SHARED = 0.8
-"""Of the bins that an alternative explains, the share that the fit it is compared with must have kept, too."""
+"""Share of the bins kept by the better fit that the fit it is compared with must have kept, too."""
 ABSENT = 0.2
-"""Coefficient of the tool's wrench below which it is not in the reading."""
+"""Regression coefficient of the tool's wrench below which it is absent from the reading."""
 CLEAR = 3.0
-"""Times the noise of a bin that the tool's wrench must vary to be missed."""
+"""Minimum variation of the tool's wrench, in units of the noise of a bin, for its absence to be detectable."""
 CLEARLY = 2.0
-"""Times the noise of a bin that a reading must vary to show anything."""
+"""Minimum variation of a reading, in units of the noise of a bin, for any mistake to be detectable."""
 BY_EFFECTS = 0.1
-"""Share of the raw variance that effects of the catalogue leave where the tool is free."""
+"""Share of the raw variance that effects of the catalogue leave when the tool is free."""
 TOO_NEAR = 0.06
-"""m by which a centre of mass is often stated too near to the sensor."""
+"""m by which a centre of mass is often stated too close to the sensor."""
 LEVER = 0.5
-"""m: no tool's centre of mass is farther off."""
+"""m; no tool's centre of mass is farther from the sensor."""
 
 
 class Share(NamedTuple):
-    """How much of the tool's wrench is in the reading."""
+    """Regression coefficient of the reading on the stated tool's wrench."""
 
     value: float
     stderr: float
@@ -70,28 +70,28 @@ class Evidence:
 
     @cached_property
     def without_tool(self) -> Result:
-        """With none at all."""
+        """Fit without any tool."""
         return self.state.fit(no_tool())
 
     @cached_property
     def exact(self) -> Array:
-        """(2,) with the tool as stated."""
+        """(2,) residual variance with the tool exactly as stated, N^2 and Nm^2."""
         return self.state.fit(exactly(self.state.tool)).square
 
     @cached_property
     def result(self) -> Result:
-        """With a tool near the stated one."""
+        """Fit with a tool near the stated one."""
         return self.state.fit()
 
     @cached_property
     def free(self) -> Result | None:
-        """With any tool that could exist; None if the best one could not."""
+        """Fit with a free tool; None if the best-fitting tool is physically impossible."""
         free = self.state.fit(free_tool(self.state.tool))
         return free if is_possible(free.fit.theta) else None
 
     @property
     def left(self) -> Array:
-        """(2,) share of the raw variance that the setup leaves."""
+        """(2,) residual of the setup as a share of the raw variance."""
         return self.result.square / self.raw
 
     @cached_property
@@ -114,7 +114,7 @@ class Evidence:
 
     @cached_property
     def pulled(self) -> Result:
-        """Of the force alone, with a tool near the stated one and a steady force along axes of the base."""
+        """Fit of the force alone, with a tool near the stated one and a constant force in the base frame."""
         return self.state.fit_force(pulled=True)
 
 
@@ -127,9 +127,9 @@ Tried = tuple[Alternative, Result]
 
 
 def best_alternatives(base: Evidence, alternatives: Iterable[Alternative]) -> list[Tried]:
-    """The alternatives that are decisively better than the stated model and do equally well, the most common first."""
+    """Return the equally good alternatives that are decisively better than the stated model, the most common first."""
     varies = np.sqrt(base.raw) > CLEARLY * noise_of_bins(base.state)
-    if not (base.left > DOUBTFUL).any() or not varies.any():  # nothing but noise shows nothing
+    if not (base.left > DOUBTFUL).any() or not varies.any():  # a reading of noise alone shows no mistake
         return []
     tried = [(alternative, alternative.state.fit()) for alternative in alternatives]
     good = [(a, r) for a, r in tried if _is_named(base, a, r)]
@@ -142,7 +142,7 @@ def best_alternatives(base: Evidence, alternatives: Iterable[Alternative]) -> li
 
 
 def slightly(base: Evidence, alternatives: Iterable[Alternative]) -> list[Tried]:
-    """The alternatives that are better at all, by more than chance: for what only a mistake can have brought about."""
+    """Return alternatives that are better by any margin beyond chance, for signs that only a mistake can cause."""
     tried = [(alternative, alternative.state.fit()) for alternative in alternatives]
     enough = score(base, base.result) + TIE
     return [(a, r) for a, r in tried if score(base, r) > enough and _is_sure(base, a, r)]
@@ -155,10 +155,10 @@ def noise_of_bins(state: State) -> Array:
 
 
 def is_pulled(base: Evidence) -> bool:
-    """Whether the stated tool and a steady force along axes of the base explain a force that no tool explains.
+    """Return whether the stated tool and a constant force in the base frame explain a force that no tool explains.
 
-    A weight balancer pulls like this: it makes the model worse than nothing, but the setup is right. A tool that is
-    stated wrong leaves little with another tool.
+    A weight balancer exerts such a force: the model is then worse than none although the setup is right. If the tool is
+    stated wrong, another tool leaves a small residual instead.
     """
     state = base.state
     raw, free, pulled = state.fit_force(no_tool()), state.fit_force(free_tool(state.tool)), base.pulled
@@ -168,15 +168,15 @@ def is_pulled(base: Evidence) -> bool:
 
 
 def score(base: Evidence, result: Result) -> float:
-    """Logarithm of the share that is left, force and torque; larger is better."""
+    """Minus the sum of the logarithms of the residual shares of force and torque; larger is better."""
     return float(-np.log(result.square / base.raw + PENALTY).sum())
 
 
 def decisively(base: Result, better: Result, groups: tuple[int, ...], layout_block: Array) -> bool:
-    """Whether force (group 0) or torque (1) of a fit is better on blocks (N,) held out, by more than chance."""
+    """Return whether force (group 0) or torque (1) of a fit is significantly better on the held-out blocks (N,)."""
     rows, most = base.fit.kept & better.fit.kept, np.full(2, np.inf)
     if rows.sum() < SHARED * better.fit.kept.sum():
-        # Each keeps what it explains: all bins count, and what the better fit takes for contact is as bad for both.
+        # Each keeps the bins it explains: compare all, with errors capped at the largest one that the better fit keeps.
         rows, most = np.ones(len(rows), bool), better.errors[better.fit.kept].max(0)
     ratio = []
     for block in np.unique(layout_block[rows]):
@@ -192,7 +192,7 @@ def decisively(base: Result, better: Result, groups: tuple[int, ...], layout_blo
 def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_tool: bool = False) -> bool:
     groups = list(alternative.groups)
     left, stated = (result.square / base.raw)[groups], base.left[groups]
-    absent = alternative.mistake == "base_frame_wrench"  # its weight does not turn, so that little variance is there
+    absent = alternative.mistake == "base_frame_wrench"  # its weight does not turn, so its variance is small
     bad, doubtful = stated > BAD, stated > DOUBTFUL
     if alternative.mistake == "joint_convention" and not (left < OF_JOINTS * np.minimum(stated, 1)).all():
         return False
@@ -206,7 +206,7 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
     if not (left < (GOOD_TOUCHED if touched else GOOD)).all():
         return False
     if groups == [1] and result.square[0] > BAD * base.raw[0]:
-        return False  # what is wrong with the force comes first
+        return False  # a mistake in the force is resolved first
     other = [1 - group for group in groups if 1 - group not in groups]
     if other and not any_tool and (result.square > 2 * np.maximum(base.result.square, base.raw))[other].any():
         return False
@@ -220,10 +220,10 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
 
 
 def _is_nearer(base: Evidence, alternative: Alternative, result: Result, free: Result) -> bool:
-    """Whether in other units the tool is much nearer to what is stated than the tool that needs no other unit.
+    """Return whether changed units bring the fitted tool much nearer to the stated one than the stated units do.
 
-    Any unit explains a torque with a centre of mass that is as much nearer or farther: a centre of mass that is stated
-    some centimetres too near is more common.
+    A wrong unit of torque is indistinguishable from a centre of mass nearer or farther by the same factor: a centre of
+    mass that is stated some centimetres too close is more common.
     """
 
     def sizes(theta: Array) -> tuple[float, float]:
@@ -238,10 +238,10 @@ def _is_nearer(base: Evidence, alternative: Alternative, result: Result, free: R
 
 
 def _is_but_pulled(base: Evidence, alternative: Alternative, any_tool: bool) -> bool:
-    """Whether, with a steady force along axes of the base, the stated axes explain more of the force than others do.
+    """Return whether the stated axes explain the force better than others once a constant base-frame force is fitted.
 
-    Such a force turns with the weight in the sensor's axes, and a sensor that is turned imitates it in part. With the
-    force in both fits only the axes differ: where poses differ too little to tell, neither is better.
+    In the sensor's axes such a force turns with the weight, and a rotated sensor partly mimics it. With the force in
+    both fits only the axes differ: if the poses differ too little, neither fit is better.
     """
     if alternative.mistake != "sensor_axes":
         return False

@@ -10,29 +10,29 @@ from ftbias_jax.setup.types import RobotSetup, SensorSetup
 from ftbias_jax.types import Array
 
 INERTIA = np.zeros((3, 3, 6))
-"""Entry (i, j) of I is this times Ixx Ixy Ixz Iyy Iyz Izz."""
+"""(3, 3, 6) map from Ixx Ixy Ixz Iyy Iyz Izz to the entries (i, j) of the inertia matrix."""
 INERTIA[[0, 0, 0, 1, 1, 1, 2, 2, 2], [0, 1, 2] * 3, [0, 1, 2, 1, 3, 4, 2, 4, 5]] = 1
 
 
 class SensorMotion(NamedTuple):
-    """Of the sensor, over N bins."""
+    """Motion of the sensor over N bins."""
 
     rotation: Float[Array, "N 3 3"]
     """R_base_sensor."""
     acceleration: Float[Array, "N 3"]
-    """m/s^2 of the sensor's origin, base frame."""
+    """m/s^2, acceleration of the sensor's origin, base frame."""
     velocity: Float[Array, "N 3"]
-    """rad/s, angular, base frame."""
+    """rad/s, angular velocity, base frame."""
     turning: Float[Array, "N 3"]
     """rad/s^2, angular acceleration, base frame."""
     position: Float[Array, "N 3"]
-    """m of the sensor's origin, base frame."""
+    """m, position of the sensor's origin, base frame."""
 
 
 def arm_motion(robot: RobotSetup, sensor: SensorSetup, q: Array, dq: Array, ddq: Array) -> SensorMotion:
     """Motion of a sensor on an arm, by the recursion of ``model.kinematics.screws.sensor_motion``.
 
-    q, dq and ddq are (N, n) in rad and m, and per s and s^2.
+    q, dq and ddq (N, n) are in rad (m), rad/s (m/s) and rad/s^2 (m/s^2).
     """
     count = len(q)
     R, p = np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3))
@@ -83,9 +83,9 @@ def body_motion(
 
 
 def data_matrices(motion: SensorMotion, gravity: Array, specific_force: Array | None = None) -> Float[Array, "N 6 10"]:
-    """D of every bin, with W = D theta (``model.wrench.tool_wrench.data_matrix``).
+    """Data matrix D of every bin, with W = D theta (``model.wrench.tool_wrench.data_matrix``).
 
-    Gravity is (3,) m/s^2 in the base frame; an accelerometer's specific force (N, 3) m/s^2 has the sensor's axes.
+    Gravity is (3,) m/s^2 in the base frame; an accelerometer's specific force (N, 3) m/s^2 is in the sensor frame.
     """
     f = in_sensor(motion, motion.acceleration - gravity) if specific_force is None else specific_force
     w, a = in_sensor(motion, motion.velocity), in_sensor(motion, motion.turning)
@@ -99,5 +99,5 @@ def data_matrices(motion: SensorMotion, gravity: Array, specific_force: Array | 
 
 
 def in_sensor(motion: SensorMotion, vectors: Array) -> Float[Array, "N 3"]:
-    """Vectors (N, 3) of the base frame, in the sensor's."""
+    """Transform vectors (N, 3) from the base frame to the sensor frame."""
     return np.einsum("nji,nj->ni", motion.rotation, vectors)

@@ -1,4 +1,4 @@
-"""Sensors that are mounted otherwise than stated."""
+"""Alternatives in which the sensor is mounted differently from what the setup states."""
 
 from collections.abc import Iterator
 from itertools import permutations, product
@@ -19,32 +19,32 @@ ROTATIONS = [
 ]
 """R_stated_sensor of every mount whose axes are parallel to the stated ones."""
 MOST_RPY = 3.2
-"""rad: no angle need be larger."""
+"""rad; roll, pitch and yaw need not be larger."""
 LEAST_TURN = np.radians(25.0)
-"""rad: a sensor that is turned by less is an effect (mount_rotation), not a mistake."""
+"""rad; a smaller rotation of the sensor is an effect (mount_rotation), not a mistake."""
 LEAST_ALIKE = 0.5
-"""Correlation of the turned reading with the tool's force below which a permutation need not be fitted."""
+"""Correlation of the rotated reading with the tool's force below which a permutation need not be fitted."""
 SPIKE = 4.0
-"""Times the typical reading beyond which a bin does not count for the rotation."""
+"""Multiple of the median reading beyond which a bin is ignored in the estimate of the rotation."""
 
 
 def mounts(state: State) -> Iterator[Alternative]:
-    """The 24 mounts whose axes are parallel to the stated ones, in either sign of the report, and the best rotation.
+    """Yield the 24 mounts with axes parallel to the stated ones, with either sign of the report, and the best rotation.
 
-    No sensor has mirrored axes: columns that look mirrored are those of a turned sensor with the opposite sign.
+    No sensor has mirrored axes: columns that look mirrored are those of a rotated sensor with the opposite sign.
     """
     touched = state.case.layout.touched
     overlap, sizes = _overlap(state, slice(0, 3))
     for P, sign in product(ROTATIONS, (1.0, -1.0)):
         if np.array_equal(P, np.eye(3)):
-            continue  # the stated one, or 'sign'
+            continue  # the stated mount, or the mistake 'sign'
         if touched or sign * (P * overlap).sum() >= LEAST_ALIKE * sizes:
             yield from _parallel(state, P, sign)
     yield from _turned_freely(state)
 
 
 def mount_in_degrees(state: State) -> Iterator[Alternative]:
-    """The sensor's rotation was written in degrees; nothing if its numbers are small."""
+    """Yield the alternative that the sensor's rotation was written in degrees; nothing if its angles are small."""
     sensor = state.case.setup.sensor
     written = sensor.rotation_rpy
     if written is None or np.abs(written).max() <= MOST_RPY:
@@ -60,14 +60,14 @@ def mount_in_degrees(state: State) -> Iterator[Alternative]:
 
 
 def turned_mount(state: State, turned: Array) -> State:
-    """The state with the sensor's axes turned on the flange: R v_turned = v_stated."""
+    """Return the state with the sensor's axes rotated on the flange: R v_turned = v_stated."""
     rotation = state.motion.rotation @ turned
     force = None if state.specific_force is None else state.specific_force @ turned
     return state.but(motion=state.motion._replace(rotation=rotation), specific_force=force)
 
 
 def _parallel(state: State, P: Array, sign: float) -> Iterator[Alternative]:
-    """A mount with parallel axes; the tool as it was meant along the stated axes, or along those of the sensor."""
+    """Yield a mount with parallel axes, with the tool given along the stated axes and along those of the sensor."""
     half_turn = np.trace(P) == -1
     rank = 5 + 0.3 * (P[2, 2] != 1) + 0.2 * (not half_turn) + (sign < 0)
     yield _mount(state, P, rank, sign)
@@ -76,12 +76,12 @@ def _parallel(state: State, P: Array, sign: float) -> Iterator[Alternative]:
 
 
 def _turned_freely(state: State) -> Iterator[Alternative]:
-    """The rotation that brings the reading nearest to the stated tool's (Kabsch 1976): its wrench, or its force alone.
+    """Yield the rotation that best aligns the reading with the stated tool's wrench, or its force alone (Kabsch 1976).
 
-    The force shows the rotation whatever the centre of mass is.
+    The force determines the rotation regardless of the centre of mass.
     """
     if state.case.layout.touched:
-        return  # three more numbers are too many for the few bins that count then
+        return  # too few bins are kept to fit three more parameters
     force, torque = (_overlap(state, axes) for axes in (slice(0, 3), slice(3, 6)))
     for rank, overlap in enumerate((force[0] / force[1] + torque[0] / torque[1], force[0]), 7):
         U, _, V = np.linalg.svd(overlap)
@@ -91,7 +91,7 @@ def _turned_freely(state: State) -> Iterator[Alternative]:
 
 
 def _overlap(state: State, axes: slice) -> tuple[Array, float]:
-    """Sum of (stated tool's wrench) (reading)^T (3, 3) without bias and spikes, and the product of their sizes."""
+    """Sum of (stated tool's wrench) (reading)^T (3, 3) without bias and spikes, and the product of their norms."""
     layout = state.case.layout
     tool, reading = (without_bias(x[:, axes], layout) for x in (state.of_tool, state.wrench))
     size = np.linalg.norm(reading, axis=1)
@@ -100,7 +100,7 @@ def _overlap(state: State, axes: slice) -> tuple[Array, float]:
 
 
 def _mount(state: State, P: Array, rank: float, sign: float = 1.0) -> Alternative:
-    """The sensor is mounted otherwise, with the tool as it was meant along the stated axes: R v_reading = v_stated."""
+    """Return the alternative of another mount P, with the tool given along the stated axes: P v_reading = v_stated."""
     words, values = _turned(state, P, sign)
     center = P.T @ state.case.setup.tool.center_of_mass
     values |= {"tool.center_of_mass": _list(center)}
@@ -110,7 +110,7 @@ def _mount(state: State, P: Array, rank: float, sign: float = 1.0) -> Alternativ
 
 
 def _turned(state: State, P: Array, sign: float) -> tuple[str, dict[str, Any]]:
-    """Words and keys of a sensor that is turned on the flange, and may report the opposite sign."""
+    """Message and setup keys for a sensor that is rotated on the flange and may report the opposite sign."""
     sensor = state.case.setup.sensor
     rpy, other = rpy_from_rotation(sensor.rotation @ P), OTHER_REPORT[sensor.reports]
     words = f"the sensor is turned on the flange: set sensor.rotation_rpy = {_plain(rpy)}"

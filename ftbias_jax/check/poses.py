@@ -22,17 +22,17 @@ GYROSCOPES: dict[float, tuple[str, Values]] = {
     30 / np.pi: ("in revolutions per minute: convert it to rad/s", {}),
     1e3: ("in mrad/s: convert it to rad/s", {}),
 }
-"""Factor of the recorded rates -> what they are, and the keys of a setup that say so."""
+"""Ratio of recorded to true rates -> description of the units, and the setup keys that state them."""
 POSE_BETTER = 0.7
-"""Share of what the stated convention of a pose leaves that another may leave."""
+"""Maximum residual of another convention of a pose, relative to that of the stated one."""
 NEAR = 1.25
-"""Factor by which a ratio may be off."""
+"""Factor within which a ratio agrees with one of GYROSCOPES."""
 TURNING = 0.02
-"""rad/s, rms: what turns less says nothing of a gyroscope."""
+"""rad/s, rms; slower motion does not constrain the units of a gyroscope."""
 ALIKE = 0.8
-"""Correlation of gyroscope and orientation from which their sizes can be compared."""
+"""Correlation of gyroscope and orientation above which their magnitudes can be compared."""
 MOST_G, LEAST_G = 1.3, 0.7
-"""Typical length of a specific force in g."""
+"""Bounds of the median norm of a specific force that is in g."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,12 @@ class Convention:
     reordered: bool = False
     """The quaternion has the other order of its entries."""
     inverse: bool = False
-    """It turns vectors of the base into the body's axes."""
+    """The quaternion maps vectors from the base frame to the body frame."""
     in_body: bool = False
-    """The position has the body's axes."""
+    """The position is expressed in the body's axes."""
 
     def findings(self, pose: PoseSetup) -> Iterator[tuple[str, str, Values]]:
-        """Mistake, remedy and setup of each difference."""
+        """Yield mistake, remedy and setup keys of each difference."""
         words: list[str] = []
         setup: Values = {}
         if self.reordered:
@@ -68,7 +68,7 @@ class Convention:
 
 
 def conventions(state: State) -> Iterator[tuple[Convention, State]]:
-    """Every way of reading the pose, the stated one first, and the model that it gives."""
+    """Yield every convention for reading the pose, the stated one first, with the state that it gives."""
     case = state.case
     pose = case.setup.pose
     assert pose is not None
@@ -85,7 +85,7 @@ def conventions(state: State) -> Iterator[tuple[Convention, State]]:
 
 
 def gyroscope_mistake(state: State) -> Mistake | None:
-    """What is wrong with the units of the gyroscope; None if nothing is."""
+    """Return the mistake in the gyroscope's units; None if there is none."""
     measured = state.case.bins.gyroscope
     if measured is None:
         return None
@@ -105,7 +105,7 @@ def gyroscope_mistake(state: State) -> Mistake | None:
 
 
 def accelerometer_mistake(state: State) -> Mistake | None:
-    """The same of an accelerometer."""
+    """Return the mistake in the accelerometer's units; None if there is none."""
     if state.specific_force is None:
         return None
     size = float(np.median(np.linalg.norm(state.specific_force, axis=1)))

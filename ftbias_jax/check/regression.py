@@ -1,4 +1,4 @@
-"""How well a tool near the stated one explains the wrench, with bias and drift free, on blocks that were held out."""
+"""Least-squares fit of a tool near the stated one, with free bias and drift, evaluated on held-out blocks."""
 
 from typing import NamedTuple
 
@@ -9,41 +9,41 @@ from ftbias_jax.setup.types import ToolSetup
 from ftbias_jax.types import Array
 
 KNOT = 40.0
-"""s between the knots of the drift that is left free."""
+"""s between the knots of the free, piecewise linear drift."""
 STEADY = 10.0
-"""s: in a shorter log the bias is constant; a drift would explain what half a turn of the tool does."""
+"""s; in a shorter log the bias is constant, because a drift would absorb the effect of half a turn of the tool."""
 BLOCKS = 20
-"""Of every log: those of even number are held out from the others, and the other way round."""
+"""Number of blocks per log; even and odd blocks are held out in turn."""
 TRIMS = (0.15, 0.45, 0.6)
-"""Share of the bins that is left out as contact or spikes, the worst of every fit; where the first finds nothing the
-next is tried, because a robot may be touched for most of a log."""
+"""Shares of the bins, the worst of every fit, that are trimmed as contact or spikes; where one share reveals no mistake
+the next is tried, because a robot may be in contact for most of a log."""
 ROUNDS = 3
-"""Fits, each without what the one before it missed most."""
+"""Number of fits, each without the bins that the previous one fitted worst."""
 STEPS = np.logspace(-12, 8, 81)
-"""Lagrange multipliers to try, relative to the largest curvature."""
+"""Lagrange multipliers that are tried, relative to the largest curvature."""
 BETWEEN = np.linspace(0, 1, len(STEPS))
-"""Powers of what lies between two of them."""
+"""Exponents that interpolate geometrically between two neighbouring multipliers."""
 
 
 class Layout(NamedTuple):
-    """What all fits to one set of bins share."""
+    """Basis, blocks and axes that all fits to one set of bins share."""
 
     basis: Float[Array, "N K"]
-    """Bias and drift of each log: piecewise linear in time."""
+    """Basis functions of bias and drift of each log, piecewise linear in time."""
     block: Float[Array, " N"]
-    """Number of the bin's block; the logs' blocks follow one another."""
+    """Block number of each bin; the numbers of one log follow those of the previous one."""
     axes: Bool[Array, " 6"]
     """Which axes of the wrench are measured; the others are zero."""
     trim: float = TRIMS[0]
-    """Share of the bins that fits leave out."""
+    """Share of the bins that fits trim."""
 
     @property
     def touched(self) -> bool:
-        """Whether most bins may be contact: no fit to all of them can then be a start."""
+        """Whether most bins may be contact, so that a fit to all of them is no starting point."""
         return self.trim > 0.5
 
     def windows(self) -> list[Bool[Array, " N"]]:
-        """Bins from which a fit may start: all of them; and early, middle and late ones where most may be contact."""
+        """Masks of the bins from which a fit may start: all; early, middle and late ones where most may be contact."""
         every = [np.ones(len(self.basis), bool)]
         if not self.touched:
             return every
@@ -53,22 +53,22 @@ class Layout(NamedTuple):
 
 
 class Tool(NamedTuple):
-    """Inertial parameters theta (10,) and how far off they may be, for a statement that is not exact."""
+    """Inertial parameters theta (10,) and how far a fit may depart from them, because a stated tool is inexact."""
 
     theta: Float[Array, " 10"]
     reach: Float[Array, " 10"]
-    """Half axes of the ellipsoid around theta that a fit may use; infinite = free."""
+    """Semi-axes of the ellipsoid around theta that confines a fit; infinite = free."""
 
 
 class Fit(NamedTuple):
-    """Of one alternative, on bins that its parameters have not seen."""
+    """Fit of one alternative, with errors on bins that were held out from the estimation of its parameters."""
 
     theta: Float[Array, " 10"]
-    """Of a fit to all bins."""
+    """Inertial parameters of a fit to all kept bins."""
     errors: Float[Array, "N 2"]
-    """Squared norm of what is left of force and torque, N^2 and Nm^2."""
+    """Squared norms of the residuals of force and torque, N^2 and Nm^2."""
     kept: Bool[Array, " N"]
-    """Bins that are not left out as contact or spikes."""
+    """Bins that are not trimmed as contact or spikes."""
 
     @property
     def square(self) -> Float[Array, " 2"]:
@@ -77,14 +77,14 @@ class Fit(NamedTuple):
 
 
 def make_layout(t: Array, log: Array, axes: Array) -> Layout:
-    """Bias, drift and blocks of bins at t (N,) s, of logs with these numbers (N,); ``axes`` (6,) are those measured."""
+    """Build the layout of bins at t (N,) s of logs with these numbers (N,); ``axes`` (6,) marks the measured ones."""
     columns, blocks, count = [], np.zeros(len(t), int), 0
     for number in np.unique(log):
         rows = np.flatnonzero(log == number)
         order = np.arange(len(rows)) * BLOCKS // len(rows)
         blocks[rows] = count + order
         count += BLOCKS
-        # Over a pause the bias may change at will; the knots must be as many as the bins need, not the hours between.
+        # The bias may change arbitrarily over a pause; the bins, not the hours between them, set the number of knots.
         span = np.cumsum(np.minimum(np.diff(t[rows], prepend=t[rows[0]]), 2 * KNOT))
         knots = np.linspace(0, max(span[-1], 1e-9), 2 + int(span[-1] // KNOT))
         tents = np.stack([np.interp(span, knots, unit) for unit in np.eye(len(knots))], 1)
@@ -97,7 +97,7 @@ def make_layout(t: Array, log: Array, axes: Array) -> Layout:
 
 
 def stated_tool(tool: ToolSetup) -> Tool:
-    """The tool of a setup; a merely inexact statement is within reach."""
+    """Tool of a setup, whose reach covers the usual errors of stated parameters."""
     m, c = tool.mass, tool.center_of_mass
     x, y, z = c
     steiner = m * np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
@@ -109,35 +109,35 @@ def stated_tool(tool: ToolSetup) -> Tool:
 
 
 def free_tool(tool: Tool) -> Tool:
-    """Any tool."""
+    """Tool with unlimited reach, so that a fit is free."""
     return Tool(tool.theta, np.full(10, np.inf))
 
 
 def no_tool() -> Tool:
-    """None at all: what is left is the reading without its bias."""
+    """Tool that exerts no wrench: the residual is then the reading without its bias and drift."""
     return Tool(np.zeros(10), np.zeros(10))
 
 
 def exactly(tool: Tool) -> Tool:
-    """The tool to the last digit."""
+    """Tool without reach, so that a fit uses its parameters exactly."""
     return Tool(tool.theta, np.zeros(10))
 
 
 def fit(D: Array, wrench: Array, tool: Tool, layout: Layout) -> Fit:
-    """Least squares of W = D theta - b with theta within the tool's reach, b free, and the worst bins left out.
+    """Least trimmed squares of W = D theta - b with theta within the tool's reach and a free bias b.
 
-    D is (N, 6, 10), or (N, 6, k) with columns of more than a tool, which theta and reach then have, too; the wrench W
-    is (N, 6) N, Nm.
+    D is (N, 6, 10), or (N, 6, k) with further regressors, for which theta and reach then have entries, too; the wrench
+    W is (N, 6) N, Nm.
     """
     D = D * layout.axes[:, None]
-    # Typical size of force and torque without their bias, N and Nm: the weights of the two.
+    # Typical magnitude of force and torque without bias, N and Nm, by which the two are weighted.
     scale = np.sqrt(np.median(squares(without_bias(wrench, layout)), 0)) + 1e-9
     fits = [_concentrated(D, wrench, tool, layout, scale, window) for window in layout.windows()]
     return min(fits, key=lambda fit: float((fit.square / scale**2).sum()))
 
 
 def _concentrated(D: Array, wrench: Array, tool: Tool, layout: Layout, scale: Array, kept: Array) -> Fit:
-    """Least trimmed squares from a window: each fit is without what the one before it missed most."""
+    """Least trimmed squares from a window of bins: each fit drops the bins that the previous one fitted worst."""
     errors = np.zeros((len(wrench), 2))
     halves = [layout.block % 2 == part for part in (0, 1)]
     for _ in range(ROUNDS):
@@ -147,19 +147,19 @@ def _concentrated(D: Array, wrench: Array, tool: Tool, layout: Layout, scale: Ar
             errors[held] = squares(left)
         badness = (errors / scale**2).sum(1)
         best = badness <= np.quantile(badness, 1 - layout.trim)
-        if all((best & held).any() for held in halves):  # neither may be without bins to fit
+        if all((best & held).any() for held in halves):  # both halves need bins to fit
             kept = best
     theta, _ = _solve(D, wrench, tool, layout, kept, scale)
     return Fit(theta, errors, kept)
 
 
 def squares(values: Array) -> Float[Array, "N 2"]:
-    """Squared norms of force and torque (N, 6)."""
+    """Squared norms (N, 2) of force and torque of wrenches (N, 6)."""
     return (values.reshape(-1, 2, 3) ** 2).sum(2)
 
 
 def without_bias(values: Array, layout: Layout) -> Array:
-    """Columns (N, ...) less the bias and drift that fit them best."""
+    """Subtract from columns (N, ...) the bias and drift that fit them best."""
     flat = values.reshape(len(values), -1)
     coefficients = np.linalg.lstsq(layout.basis, flat, rcond=None)[0]
     return (flat - layout.basis @ coefficients).reshape(values.shape)
@@ -168,7 +168,7 @@ def without_bias(values: Array, layout: Layout) -> Array:
 def _solve(
     D: Array, wrench: Array, tool: Tool, layout: Layout, rows: Array, scale: Array
 ) -> tuple[Float[Array, " 10"], Float[Array, "K 6"]]:
-    """The tool, and coefficients of bias and drift, by some rows."""
+    """Fit the tool and the coefficients of bias and drift to some rows."""
     B = layout.basis[rows]
     gram = B.T @ B
     gram += 1e-9 * max(np.trace(gram), 1e-300) / len(gram) * np.eye(len(gram))
@@ -186,7 +186,7 @@ def _solve(
 
 
 def within_reach(normal: Array, right: Array, tool: Tool) -> Float[Array, " 10"]:
-    """argmin of theta' normal theta - 2 right' theta in the tool's ellipsoid."""
+    """Minimise theta' normal theta - 2 right' theta over the tool's ellipsoid."""
     if not tool.reach.any():
         return tool.theta
     if np.isinf(tool.reach).all():
@@ -203,7 +203,7 @@ def within_reach(normal: Array, right: Array, tool: Tool) -> Float[Array, " 10"]
         return int(inside[0]) if inside.size else len(steps) - 1
 
     steps = STEPS * max(d[-1], 1e-300)
-    for _ in range(2):  # the second time between two steps of the first
+    for _ in range(2):  # the second pass refines between two steps of the first
         i = first_inside(steps)
         steps = steps[max(i - 1, 0)] * (steps[i] / steps[max(i - 1, 0)]) ** BETWEEN
     return tool.theta + S * (V @ (g / (d + steps[first_inside(steps)])))

@@ -1,4 +1,4 @@
-"""What a check finds, in words and for programs."""
+"""Result of a setup check, as text and as JSON."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ MISTAKES: Mapping[str, str] = {
     "raw_offset": "the reading's offset is far beyond what the setup expects of the bias",
     "worse_than_raw": "the model makes the reading worse than doing nothing",
 }
-"""Every mistake that is recognised, and what it is."""
+"""Name of every detectable mistake -> its description."""
 MOST_TOLD = 4
-"""Mistakes told beside one that a log does not tell from it."""
+"""Maximum number of indistinguishable mistakes listed with a mistake."""
 
 
 class Undetermined(NamedTuple):
-    """A kind of mistake that a log cannot show."""
+    """A kind of mistake that a log cannot reveal."""
 
     mistake: str
     """One of MISTAKES."""
     remedy: str
-    """What log, or what in the setup, would show it."""
+    """Which log, or which entry in the setup, would reveal it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,21 +51,21 @@ class Mistake:
     mistake: str
     """One of MISTAKES."""
     evidence: Mapping[str, Any]
-    """Numbers that show it: rms of what is left of force (N) and torque (Nm), with the bias free, and more."""
+    """Supporting numbers: rms residuals of force (N) and torque (Nm) with a free bias, and others."""
     remedy: str
     """What to write into the setup, or to do to the log."""
     setup: Mapping[str, Any] = field(default_factory=dict)
-    """Dotted keys with the values that mend it, where a setup can."""
+    """Dotted setup keys with the values that correct it, where a setup can."""
     harmless: bool = False
-    """Whether results are right all the same, if less sure than they could be."""
+    """Whether results are right in spite of it, though less certain than they could be."""
     mended_by: tuple[str, ...] = ()
-    """Commands that can do with it, because they are there to mend it."""
+    """Commands that accept it, because they are run to correct it."""
     alike: tuple[Mistake, ...] = ()
-    """What would explain the logs as well: their motion does not tell it from this mistake."""
+    """Mistakes that explain the logs equally well, because the motion does not distinguish them from this one."""
 
     @property
     def told(self) -> str:
-        """The remedy, and the others that would do as well."""
+        """The remedy, followed by the mistakes that explain the logs equally well."""
         if not self.alike:
             return self.remedy
         others = [str(other) for other in self.alike[:MOST_TOLD]]
@@ -79,15 +79,15 @@ class Mistake:
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """Whether a setup can be right, as far as logs show it."""
+    """Result of checking a setup against logs."""
 
     findings: tuple[Mistake, ...]
     evidence: Mapping[str, Any] = field(default_factory=dict)
-    """The same numbers of the setup as stated; empty if the logs are too short to tell."""
+    """Rms of the raw reading and of the residual of the setup as stated; empty if the logs are too short."""
     setup_path: str = ""
     """Where the setup was read from."""
     undetermined: tuple[Undetermined, ...] = ()
-    """Mistakes that these logs could not have shown, each with what would show it."""
+    """Mistakes that these logs could not have revealed, each with what would reveal it."""
 
     @property
     def ok(self) -> bool:
@@ -100,16 +100,16 @@ class Check:
         return bool(self.evidence.get("worse_than_raw", False))
 
     def lines(self) -> list[str]:
-        """What to tell a user first: a line for every mistake."""
+        """Summary for a user: one line per mistake."""
         worse = "with this setup the corrected wrench is worse than the raw one: "
         first = [worse if self.worse_than_raw else "the setup seems wrong: "]
         return [(first.pop() if first else "also ") + str(finding) for finding in self.findings]
 
     def require_ok(self, command: str = "", looked_for: Collection[str] = ()) -> None:
-        """Refuse a setup that is wrong, but for mistakes that a command is there to mend, or that are ``looked_for``.
+        """Raise an error if the setup is wrong, except for mistakes that a command corrects or that are ``looked_for``.
 
         Raises:
-            SetupError: the setup is wrong, and says what to write into it.
+            SetupError: the setup is wrong; the error states what to write into it.
             LogError: the log has other units or conventions than the setup can state.
         """
         bad = [
@@ -125,7 +125,7 @@ class Check:
         raise kind(message, file=self.setup_path, field=first.mistake, remedy=f"{remedy}; --unchecked goes on anyway")
 
     def as_dict(self) -> dict[str, Any]:
-        """What ``to_json`` writes."""
+        """Content of the file that ``to_json`` writes."""
         findings = [
             {**_as_dict(f), "evidence": dict(f.evidence), "alike": list(map(_as_dict, f.alike))} for f in self.findings
         ]
@@ -133,7 +133,7 @@ class Check:
         return {"ok": self.ok, "findings": findings, "evidence": dict(self.evidence), "undetermined": unseen}
 
     def to_json(self, path: str | os.PathLike[str], origin: Provenance | None = None) -> None:
-        """Write the findings, and what they were made from, for programs, whole or not at all.
+        """Write the findings and their provenance as JSON, atomically.
 
         Raises:
             OutputError: the file cannot be written.
@@ -152,7 +152,7 @@ class Check:
         return [f"no mistake found{_shown(self.evidence)}"]
 
     def open_questions(self) -> list[str]:
-        """What could not be looked for, a line for each remedy."""
+        """Mistakes that could not be checked, one line per remedy."""
         remedies: dict[str, list[str]] = {}
         for name, remedy in self.undetermined:
             remedies.setdefault(remedy, []).append(name)
@@ -164,6 +164,6 @@ def _as_dict(mistake: Mistake) -> dict[str, Any]:
 
 
 def _shown(evidence: Mapping[str, Any]) -> str:
-    """The numbers, behind the sentence."""
+    """Format the numbers in brackets, to follow a sentence."""
     words = [f"{name.replace('_', ' ')} {value}" for name, value in evidence.items() if not isinstance(value, bool)]
     return f" ({', '.join(words)})" if words else ""

@@ -1,4 +1,4 @@
-"""The model of a log, as one bundle that each alternative changes in one place."""
+"""Model of the logs as one bundle, of which each alternative changes one item."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from ftbias_jax.setup.types import Setup, ToolSetup
 from ftbias_jax.types import Array
 
 MOST = 900
-"""Bins that are fitted; of more, stretches that are spread over all."""
+"""Maximum number of bins that are fitted; of more, evenly spread segments are."""
 STRETCH = 100
-"""Bins of a stretch."""
+"""Bins per segment."""
 FEWEST, FEWEST_POSES = 24, 12
-"""Bins, and poses at rest, below which nothing is said."""
+"""Minimum number of bins, and of poses at rest, for any finding."""
 HALF = 0.5
-"""Of the bins that the best axis has: an axis with less counts as not measured."""
+"""Share of the best axis's bins; an axis with fewer counts as not measured."""
 LIGHTEST, FARTHEST = 0.01, 1.0
-"""kg and m: a fitted tool that is lighter, or whose centre is farther away, is none."""
+"""kg and m; a fitted tool that is lighter, or whose centre of mass is farther away, is discarded."""
 STRONGEST = 100.0
-"""N: no balancer that is left out of a setup pulls harder."""
+"""N; no weight balancer that is missing from a setup pulls harder."""
 PENALTY = 2e-3
-"""Share of the raw variance below which better is no evidence."""
+"""Share of the raw variance below which a smaller residual is no evidence."""
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Bins of all logs."""
+    """Bins of all logs, with their setup and layout."""
 
     setup: Setup
     bins: Bins
@@ -53,54 +53,54 @@ class Case:
         return bool(self.bins.dq.any() or self.bins.ddq.any())
 
     def trimmed(self, share: float) -> Case:
-        """The same with this share of the bins left out of every fit."""
+        """Return the case with this share of the bins trimmed in every fit."""
         return replace(self, layout=self.layout._replace(trim=share))
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The model: the motion, gravity, the reading's meaning and the tool."""
+    """Model of the logs: motion, gravity, interpretation of the reading, and tool."""
 
     case: Case
     motion: SensorMotion
     gravity: Array
     wrench: Array
-    """(N, 6) N, Nm, sensor frame, on the tool: the reading, put right."""
+    """(N, 6) N, Nm, sensor frame, on the tool: the reading, corrected for the mistakes of this state."""
     tool: Tool
     unit: Array
-    """(2,) what readings of force and torque were divided by."""
+    """(2,) factors by which the readings of force and torque were divided."""
     swapped: bool = False
     specific_force: Array | None = None
     """(N, 3) m/s^2, sensor frame."""
     delay: float = 0.0
     """s by which the wrench is stamped later than the motion."""
     lag: float = 0.0
-    """s by which a low pass on the wrench delays what is slow."""
+    """s by which a low-pass filter on the wrench delays slow signals."""
     order: int = 1
-    """Of that low pass: 1, or 2 for a Butterworth filter."""
+    """Order of that low-pass filter: 1, or 2 for a Butterworth filter."""
 
     def but(self, **changes: Any) -> State:
-        """The same with some of it changed."""
+        """Return the state with some fields changed."""
         return replace(self, **changes)
 
     @cached_property
     def data(self) -> Array:
-        """D (N, 6, 10)."""
+        """Data matrix D (N, 6, 10), delayed and filtered like the wrench."""
         return self._stamped(data_matrices(self.motion, self.gravity, self.specific_force))
 
     @cached_property
     def of_tool(self) -> Array:
-        """(N, 6) N, Nm that the nominal tool causes."""
+        """(N, 6) N, Nm, wrench of the nominal tool."""
         return self.data @ self.tool.theta
 
     def _stamped(self, values: Array) -> Array:
-        """Values (N, ...) as late as the wrench."""
+        """Delay and filter values (N, ...) like the wrench."""
         if self.delay:
             values = delayed(self.case, values, self.delay)
         return lagged(self.case, values, self.lag, self.order) if self.lag else values
 
     def fit(self, tool: Tool | None = None) -> Result:
-        """Least squares with this tool, or the nominal one."""
+        """Fit this tool, or the nominal one, by least squares."""
         done = fit(self.data, self.wrench, self.tool if tool is None else tool, self.case.layout)
         square = done.square * self.unit**2
         errors = done.errors * self.unit**2
@@ -108,10 +108,10 @@ class State:
         return Result(done, square[order], errors[:, order])
 
     def fit_force(self, tool: Tool | None = None, *, pulled: bool = False) -> Result:
-        """The same of the force alone, in the units of ``wrench``.
+        """Fit the force alone, in the units of ``wrench``.
 
-        It may be ``pulled`` by a steady force along axes of the base beside the tool, as of a weight balancer on a
-        trolley.
+        If ``pulled``, a constant force in the base frame is fitted besides the tool, such as that of a weight balancer
+        on a trolley.
         """
         force = np.arange(6) < 3
         D, tool = self.data, self.tool if tool is None else tool
@@ -128,13 +128,13 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A fit, told in the units and the order of the reading."""
+    """A fit in the units and the order of the reading."""
 
     fit: Fit
     square: Array
     """(2,) mean squared error of force and torque, N^2 and Nm^2."""
     errors: Array
-    """(N, 2) of every bin."""
+    """(N, 2) squared errors of every bin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,20 +145,20 @@ class Alternative:
     remedy: str
     state: State
     rank: float
-    """Of two that do equally well the one of the lower rank is named."""
+    """Of equally good alternatives, the one with the lowest rank is reported."""
     groups: tuple[int, ...] = (0,)
-    """What it must explain: force (0), torque (1)."""
+    """What the alternative must explain: force (0), torque (1)."""
     setup: Mapping[str, Any] | None = None
     scale: bool = False
-    """It only makes the wrench or the tool larger or smaller."""
+    """Whether it only scales the wrench or the tool."""
 
 
 def case_of_bins(setup: Setup, parts: Sequence[Bins], are_poses: bool = False) -> Case | None:
-    """The case of several logs, from the bins of each; None if these are too few."""
+    """Build the case of several logs from the bins of each; None if there are too few."""
     setup = orientation_alone(setup) if are_poses else setup
     bins = join_bins(parts)
     log = np.repeat(np.arange(len(parts)), [len(part.t) for part in parts])
-    if bins.piece is not None:  # each has a bias of its own
+    if bins.piece is not None:  # each piece between two tares has its own bias
         log = np.unique(np.stack([log, bins.piece]), axis=1, return_inverse=True)[1].reshape(-1)
     read = np.isfinite(bins.wrench)
     axes = read.sum(0) > HALF * max(read.sum(0).max(initial=0), 1)
@@ -174,7 +174,7 @@ def case_of_bins(setup: Setup, parts: Sequence[Bins], are_poses: bool = False) -
 
 
 def _with_likeliest_tool(case: Case) -> Case:
-    """The case with the tool that the logs show, in whichever sign, where the setup does not state one."""
+    """Return the case with a tool fitted to the logs, with either sign, where the setup does not state one."""
     guessed = with_guessed_tool(case.setup)
     state = stated(replace(case, setup=guessed))
     m, *moment = state.fit(free_tool(state.tool)).fit.theta[:4]
@@ -186,7 +186,7 @@ def _with_likeliest_tool(case: Case) -> Case:
 
 
 def stated(case: Case) -> State:
-    """What the setup says."""
+    """Return the state as the setup states it."""
     setup, bins = case.setup, case.bins
     joints, specific_force = (bins.q, bins.dq, bins.ddq), None
     motion = arm_motion(setup.robot, setup.sensor, *joints) if setup.pose is None else motion_of_pose(setup, *joints)
@@ -198,21 +198,21 @@ def stated(case: Case) -> State:
 
 
 def motion_of_pose(setup: Setup, q: Array, dq: Array, ddq: Array, *, in_body: bool = False) -> SensorMotion:
-    """Of a sensor whose pose was recorded; arguments as for ``motion.body_motion``."""
+    """Motion of a sensor whose pose was recorded; arguments as for ``motion.body_motion``."""
     assert setup.pose is not None
     lever = setup.pose.lever(setup.sensor.translation)
     return body_motion(setup.sensor, lever, q, dq, ddq, in_body=in_body)
 
 
 def known_tool(setup: Setup) -> ToolSetup:
-    """The tool with what [effects] say of its mass and centre of mass."""
+    """Tool with the mass and centre of mass of [effects], where these state them."""
     mass = setup.effects.get("tool_mass", {}).get("mass", setup.tool.mass)
     center = setup.effects.get("tool_com", {}).get("center_of_mass", setup.tool.center_of_mass)
     return replace(setup.tool, mass=float(mass), center_of_mass=np.asarray(center, float))
 
 
 def delayed(case: Case, values: Array, delay: float) -> Array:
-    """Values (N, ...) of bins as they were ``delay`` seconds before, log by log."""
+    """Interpolate values (N, ...) of bins at ``delay`` s earlier, separately for each log."""
     flat, result = values.reshape(len(values), -1), np.empty((len(values), values[0].size))
     for number in np.unique(case.log):
         rows = case.log == number
@@ -222,10 +222,10 @@ def delayed(case: Case, values: Array, delay: float) -> Array:
 
 
 def lagged(case: Case, values: Array, time: float, order: int = 1) -> Array:
-    """Values (N, ...) of bins behind a low pass of the first order, or a Butterworth filter, that delays by time, s."""
+    """Filter values (N, ...) of bins by a first-order low pass, or a Butterworth filter, that delays by ``time``, s."""
     step = float(np.median(np.diff(case.bins.t)))
     x = np.clip(np.arange(-0.5, 5 * time / step + 1) * step / time, 0, None)
-    # What has passed x delays after a step.
+    # Step response after x delays.
     passed = 1 - np.exp(-x) if order == 1 else 1 - np.sqrt(2) * np.exp(-x) * np.sin(x + np.pi / 4)
     kernel = np.diff(passed) / passed[-1]
     flat = values.reshape(len(values), -1)

@@ -1,7 +1,7 @@
-"""Mistakes that a log could not show if they were there: its motion does not separate them from a right setup.
+"""Mistakes that the logs could not reveal, because their motion does not distinguish them from a correct setup.
 
-Each mistake is imagined: what would the sensor read if the tool is as stated and the mistake was made? If the setup
-explains that reading as well, or if it drowns in what is unexplained anyway, nothing of the mistake would be named.
+Each mistake is simulated: what would the sensor read if the tool is as stated and the mistake was made? If the setup
+explains that reading as well, or if it is lost in the residual, the mistake would not be reported.
 """
 
 from collections.abc import Iterator
@@ -29,14 +29,14 @@ HEAVIER = "put a tool on whose weight is larger than bias.initial_std, or state 
 LONGER = "record motion and wrench together for at least 5 s"
 RAW = "record the wrench from which nothing has been subtracted"
 DELAY = 0.5
-"""s by which clocks are imagined to differ."""
+"""s; simulated difference of the clocks."""
 TURNS = (
     np.diag([-1.0, -1, 1]),
     np.diag([1.0, -1, -1]),
     np.diag([-1.0, 1, -1]),
     np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]]),
 )
-"""Other mounts that are imagined: half turns about each axis, and a quarter."""
+"""Simulated wrong mounts: half turns about each axis, and a quarter turn."""
 OF_JOINTS = ("joint_convention",)
 OF_POSE = ("quaternion_convention", "position_frame", "gyroscope_units")
 OF_ARM = tuple(name for name in MISTAKES if name not in OF_POSE)
@@ -44,40 +44,40 @@ OF_ARM = tuple(name for name in MISTAKES if name not in OF_POSE)
 
 @dataclass(frozen=True, eq=False)
 class Imagined:
-    """What a setup that is right leaves unexplained, and what it would leave of a reading with a mistake in it."""
+    """Residual of a correct setup, and the residual that it would leave of a reading with a mistake in it."""
 
     state: State
     columns: Array
-    """(N, 6, 10) D of the state, less bias and drift."""
+    """(N, 6, 10) data matrix D of the state, without bias and drift."""
     wrench: Array
-    """(N, 6) N, Nm of the nominal tool, bias and drift still in it."""
+    """(N, 6) N, Nm, wrench of the nominal tool, from which bias and drift are not removed."""
     floor: Array
-    """(2,) N^2, Nm^2: what the state leaves of the reading as it is, noise and touches included."""
+    """(2,) N^2, Nm^2: residual of the state on the actual reading, noise and contact included."""
 
     def of(self, reading: Array, floor: Array | None = None) -> tuple[float, float, float]:
-        """Mean squares of force: what the setup leaves of a reading (N, 6), of the reading itself, and the floor."""
+        """Mean squares of force: the setup's residual on a reading (N, 6), the reading itself, and the floor."""
         floor = self.floor if floor is None else floor
         free = without_bias(reading, self.state.case.layout)
         return float(self.left(free)[0] + floor[0]), float(squares(free)[:, 0].mean() + floor[0]), float(floor[0])
 
     def left(self, free: Array) -> Array:
-        """(2,) mean square of what a tool near the nominal one leaves of a reading (N, 6) without bias."""
+        """(2,) mean squared residual of a tool near the nominal one on a reading (N, 6) without bias."""
         size = np.repeat(np.sqrt(squares(free).mean(0)) + 1e-12, 3)
         X, y = (self.columns / size[:, None]).reshape(-1, 10), (free / size).reshape(-1)
         theta = within_reach(X.T @ X, X.T @ y, self.state.tool)
         return squares(free - self.columns @ theta).mean(0)
 
     def is_seen(self, reading: Array, floor: Array | None = None) -> bool:
-        """Whether a mistake that makes the sensor read this (N, 6) would be named."""
+        """Return whether a mistake that makes the sensor read this (N, 6) would be reported."""
         stated, raw, right = self.of(reading, floor)
         good = GOOD_TOUCHED if self.state.case.layout.touched else GOOD
         return stated > BAD * raw and right < BETTER * stated and right < good * raw
 
 
 def undetermined(base: Evidence, *, tool_is_stated: bool) -> tuple[Undetermined, ...]:
-    """Mistakes that could not be found in the logs, beside those that were found and mended.
+    """Mistakes that the logs could not reveal, with the mistakes that were found corrected.
 
-    Where the tool is not stated, that of the logs was taken, and units of force cannot be told.
+    Where the tool is not stated, the one fitted to the logs is used, and units of force cannot be determined.
     """
     state = base.state
     setup = state.case.setup
@@ -98,17 +98,17 @@ def undetermined(base: Evidence, *, tool_is_stated: bool) -> tuple[Undetermined,
 
 
 def all_undetermined(*, pose: bool) -> tuple[Undetermined, ...]:
-    """Of logs that are too short to show anything; ``pose``: whether they have a pose instead of joints."""
+    """All mistakes, for logs that are too short to show any; ``pose``: whether they have a pose instead of joints."""
     return _sorted(dict.fromkeys(names_for(pose), LONGER))
 
 
 def names_for(pose: bool) -> tuple[str, ...]:
-    """The mistakes that are looked for, with a recorded pose or with joints."""
+    """Names of the mistakes that are checked with a recorded pose or with joints."""
     return tuple(name for name in MISTAKES if name not in OF_JOINTS) if pose else OF_ARM
 
 
 def _unseen(imagined: Imagined) -> Iterator[tuple[str, str]]:
-    """Mistakes of any log that would not be named, each with its remedy."""
+    """Yield mistakes possible in any log that would not be reported, each with its remedy."""
     state, M = imagined.state, imagined.wrench
     layout = state.case.layout
     if not imagined.is_seen(-M):
@@ -140,11 +140,11 @@ def _unseen(imagined: Imagined) -> Iterator[tuple[str, str]]:
 
 
 def _unseen_weight(imagined: Imagined) -> Iterator[tuple[str, str]]:
-    """Those of them that a tool brings about whose wrench does not vary, or is too small."""
+    """Yield mistakes that would not be reported because the tool's wrench is constant or too small."""
     state = imagined.state
     size, noise = squares(without_bias(imagined.wrench, state.case.layout)).mean(0), noise_of_bins(state)
     clear = np.sqrt(size) > CLEAR * noise
-    # Two standard errors over the blocks of a share that is zero.
+    # Two standard errors, over the blocks, of a share whose true value is zero.
     if not clear[0] or 2 * np.sqrt(imagined.floor[0] / size[0] / BLOCKS) > ABSENT:
         yield "compensated", TURN
     if not clear.any():
@@ -154,7 +154,7 @@ def _unseen_weight(imagined: Imagined) -> Iterator[tuple[str, str]]:
 
 
 def _base_frame_is_seen(imagined: Imagined) -> bool:
-    """A weight in the base's axes does not turn: what is looked for is the little that changes."""
+    """Return whether a base-frame wrench would be reported: its weight does not turn, so only small changes show."""
     turned = np.einsum("nij,nkj->nki", imagined.state.motion.rotation, imagined.wrench.reshape(-1, 2, 3))
     free = without_bias(turned.reshape(-1, 6), imagined.state.case.layout)
     raw, stated = squares(free).mean(0) + imagined.floor, imagined.left(free) + imagined.floor
@@ -163,7 +163,7 @@ def _base_frame_is_seen(imagined: Imagined) -> bool:
 
 
 def _unseen_of_pose(imagined: Imagined) -> Iterator[tuple[str, str]]:
-    """Mistakes of a recorded pose that would not be named."""
+    """Yield mistakes of a recorded pose that would not be reported, each with its remedy."""
     state = imagined.state
     for convention, other in poses.conventions(state):
         if sum(vars(convention).values()) != 1:

@@ -1,1 +1,1 @@
-"""From a log to a setup that can be trusted: every step kept only if it predicts what it has not seen."""
+"""Calibration of a setup from logs: every step is kept only if it predicts held-out data better."""

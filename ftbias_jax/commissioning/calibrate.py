@@ -1,7 +1,7 @@
-"""From a log to a setup that can be trusted: each step is kept only if it predicts what it has not seen.
+"""Calibration of a setup from logs: each step is kept only if it predicts held-out data better.
 
-The end of every log is kept apart. Causes are looked for, and the tool is identified, in what comes before; a step
-stays if the setup with it predicts the readings of the end better, 1 s and 10 s ahead, than the setup without.
+The end of every log is held out. Causes are searched for, and the tool is identified, in what comes before; a step is
+kept if the setup with it predicts the readings of the end better, 1 s and 10 s ahead, than the setup without.
 """
 
 import time
@@ -49,55 +49,55 @@ from ftbias_jax.setup.types import COMPENSATED, Setup, ToolSetup
 from ftbias_jax.types import Array
 
 QUIETER = 3.0
-"""Factor by which the unseen accelerations of a pose log are tried smaller, or larger."""
+"""Factor by which the unseen accelerations of a pose log are divided or multiplied to try other noise."""
 LOUDEST = 3.0
-"""m/s^2: no arm accelerates as much for long."""
+"""m/s^2, upper limit of these trials: no arm accelerates as much for long."""
 NEGLIGIBLE = 1e-4
-"""Of errors: noise that makes them smaller by less is not tried smaller, or larger, still."""
+"""Relative decrease of the errors; noise that gains less is not divided or multiplied further."""
 WORKERS = 2
-"""Threads beside the one that judges."""
+"""Threads beside the one that evaluates steps."""
 ROUNDS = 3
-"""Of diagnosis and identification; most logs show nothing more after the first."""
+"""Rounds of diagnosis and identification; most logs show nothing more after the first."""
 
 
 class _Road(NamedTuple):
-    """What all steps are tried on."""
+    """Logs and helpers that all steps of a calibration share."""
 
     whole: Sequence[Log]
     begun: Sequence[Log]
-    """The logs without their ends: what is tried is found in these, the tool in the longest."""
+    """The logs without their held-out ends: causes are found in these, the tool in the longest."""
     names: Sequence[str]
     hold_out: float
     progress: Callable[[str], None]
     again: Callable[["_State"], Setup | None]
-    """Repeats the steps that were kept with all of the logs."""
+    """Repeats, with the whole logs, the steps that were kept."""
     worker: ThreadPoolExecutor
-    """For what is needed next if the step that is judged meanwhile is kept, or if nothing more is found."""
+    """Computes what is needed next if the step under evaluation is kept, or if nothing more is found."""
 
     def tool_ahead(self, setup: Setup) -> tuple[Setup, Future[IdentifyResult]]:
-        """Begin to identify the tool of a setup."""
+        """Start to identify the tool of a setup in the background."""
         return setup, self.worker.submit(identify_tool, setup, longest(self.begun), unchecked=True)
 
 
 class _State(NamedTuple):
-    """Where the road has come to."""
+    """The calibration after some steps."""
 
     setup: Setup
     judged: Judged
     steps: tuple[Step, ...]
     found: Diagnosis | None = None
-    """The last one."""
+    """The last diagnosis."""
     identified: ToolSetup | None = None
-    """The tool of the first step with its standard errors, which causes may still move further."""
+    """The tool of the first step with its standard errors, which causes may still change."""
     beside: Mapping[str, Array] = MappingProxyType({})
-    """Standard errors of the tool beside the causes that were kept, by keys of [tool]: what is identified with these
-    causes as they were found is as uncertain as they are."""
+    """Standard errors of the tool when fitted together with the causes that were kept, by keys of [tool]: a tool
+    identified with fixed causes is as uncertain as they are."""
     ahead: tuple[Setup, Future[IdentifyResult]] | None = None
-    """A setup, and the tool that is being identified with it."""
+    """A setup, and its tool that is being identified in the background."""
 
     @property
     def unmoved(self) -> ToolSetup | None:
-        """The tool of the first step, if nothing has moved it."""
+        """The tool of the first step, if nothing has changed it since."""
         is_there = self.identified is not None and self.setup.tool.mass == self.identified.mass
         return self.identified if is_there else None
 
@@ -118,20 +118,20 @@ def calibrate(
     unchecked: bool = False,
     progress: Callable[[str], None] = silent,
 ) -> Calibrated:
-    """Find causes of a gap and the tool, and keep of both what predicts the unseen end of the logs better.
+    """Find causes of a gap and the tool, and keep those that predict the held-out end of the logs better.
 
-    A tool that the setup states without standard errors is where the search starts, and is replaced if another one
-    predicts better. At the end the steps that were kept are repeated with all of the logs, if these show the same
-    causes and the result predicts no worse; what happened in these logs alone is left out. Computes in float64, and
-    keeps compiled programs in the user's cache folder (``FTBIAS_CACHE=off`` does not).
+    A tool that the setup states without standard errors is the start of the search, and is replaced if another one
+    predicts better. At the end the steps that were kept are repeated with the whole logs, if these show the same causes
+    and the result predicts no worse; events of these logs alone are left out. Computes in float64, and keeps compiled
+    programs in the user's cache folder (``FTBIAS_CACHE=off`` disables it).
 
     Args:
-        setup: robot, sensor and noise, or its path; its tool may be a draft, or not be stated.
-        logs: of free motion of one robot, sensor and tool, or their paths; best as recorded, as of ``diagnose``.
-        names: of the logs, for the report, as of ``diagnose``.
-        bias: also put the bias at the end of the longest log into the setup, as the prior of logs recorded next.
-        hold_out: share at the end of each log by which steps are judged, 0.1 to 0.9.
-        unchecked: do not look first whether the setup can be right (``check_setup``).
+        setup: setup with robot, sensor and noise, or its path; its tool may be a draft, or not be stated.
+        logs: logs of free motion of one robot, sensor and tool, or their paths; best as recorded, as for ``diagnose``.
+        names: names of the logs for the report, as for ``diagnose``.
+        bias: also write the bias at the end of the longest log into the setup, as the prior of logs recorded next.
+        hold_out: share at the end of each log that is held out to evaluate the steps, 0.1 to 0.9.
+        unchecked: skip the check whether the setup can be right (``check_setup``).
         progress: called with the name of each stage as it begins.
 
     Raises:
@@ -171,14 +171,14 @@ def calibrate(
 
 
 def _walked(road: _Road, setup: Setup, start: Setup) -> tuple[_State, _State, Future[Setup | None] | None]:
-    """The beginning of the road, from a setup whose tool may be loosened for a start, and its end.
+    """Run all steps: the states before and after them, from a setup whose tool may have widened standard errors.
 
-    Also, what repeating all that was kept gives, if that was begun while a last round found nothing more.
+    Also returns the repetition of all steps that were kept, if it was begun while a last round found nothing more.
     """
     has_tool = setup.sensor.compensated == COMPENSATED[0]
     with compiled_ahead(start, road.begun):
         road.progress("filtering with the setup as given")
-        # Crosstalk or a term would otherwise stand for what a wrong tool does.
+        # Crosstalk or a term would otherwise absorb the effect of a wrong tool.
         tool_first = has_tool and start.tool is not setup.tool
         ahead = road.tool_ahead(start) if tool_first else None
         judged = judge(start if setup.tool.unknown else setup, road.whole, road.hold_out)
@@ -194,7 +194,7 @@ def _walked(road: _Road, setup: Setup, start: Setup) -> tuple[_State, _State, Fu
             state = _with_tool(state, road, (TOOL,) if has_tool else ())
             identified = state.setup
             state = _with_noise(state, road)
-        if state.setup is before:  # only now, for so many numbers stand for whatever is left
+        if state.setup is before:  # last, because this many numbers absorb whatever is left
             state, rest = _with_tool(state, road, rest), ()
             if state.setup is before:
                 return first, state, repeated
@@ -202,7 +202,7 @@ def _walked(road: _Road, setup: Setup, start: Setup) -> tuple[_State, _State, Fu
 
 
 def _with_causes(state: _State, road: _Road) -> _State:
-    """With the causes that a diagnosis names, and then with the terms that it adds, if either predicts better."""
+    """Try the causes that a diagnosis names, and then the terms that it adds; keep them if they predict better."""
     road.progress("diagnosing")
     try:
         found = diagnose(state.setup, road.begun, road.names, unchecked=True)
@@ -228,7 +228,7 @@ def _with_causes(state: _State, road: _Road) -> _State:
 
 
 def _with_tool(state: _State, road: _Road, kinds: Sequence[str]) -> _State:
-    """With the tool that the longest log shows, or that and gains and crosstalk, if they predict better."""
+    """Try the tool that the longest log shows, or that and gains and crosstalk; keep them if they predict better."""
     for kind in kinds:
         crosstalk = kind == CHANNELS
         road.progress(f"identifying {kind}")
@@ -242,7 +242,7 @@ def _with_tool(state: _State, road: _Road, kinds: Sequence[str]) -> _State:
         if why := nothing_found(found, crosstalk):
             state = _refused(state, kind, kind, why)
             continue
-        # A drafted tool is nobody's belief: what is identified replaces it unless it predicts worse.
+        # A drafted tool is only a guess: the identified one replaces it unless it predicts worse.
         first = not crosstalk and not state.has_tool
         setup = as_uncertain(found.setup, state.beside)
         mass, stderr = found.tool.values[0], setup.tool.mass_std if np.isfinite(found.tool.stderr[0]) else None
@@ -256,10 +256,10 @@ def _with_tool(state: _State, road: _Road, kinds: Sequence[str]) -> _State:
 
 
 def _with_noise(state: _State, road: _Road) -> _State:
-    """With other unseen accelerations of a log of orientations, if they predict better.
+    """Try other unseen accelerations for a log of orientations; keep them if they predict better.
 
-    A draft takes them from the scatter of the forces in motion, in which all is that the setup did not know then; the
-    filter takes no less noise than is stated.
+    A draft takes them from the scatter of the forces in motion, which contains all that the setup did not explain then;
+    the filter uses no less noise than is stated.
     """
     if state.setup.pose is None or state.setup.pose.linear != "none":
         return state
@@ -280,7 +280,7 @@ def _with_noise(state: _State, road: _Road) -> _State:
 
 
 def _tried(state: _State, road: _Road, step: Step, setup: Setup, unless_worse: bool = False) -> _State:
-    """The state with a setup that was tried, if it is kept; and with what became of the step in any case."""
+    """Evaluate a setup: the state with it if it is kept, and in any case with the outcome of its step."""
     try:
         judged = judge(setup, road.whole, road.hold_out)
     except FtbiasError as error:

@@ -1,4 +1,4 @@
-"""A draft of a setup that a check of its own log has seen: what the controller did to the reading is stated in it."""
+"""Drafts of setups that are checked with their own log, so that they state what the controller did to the reading."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,18 +16,18 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 LOOSE = (0.3, 0.03)
-"""Share of the mass, and m: how far a tool may be off that is stated without its errors."""
+"""Share of the mass, and m: standard errors assumed for a tool that is stated without them."""
 LOOSE_GUESS = (1.0, 0.1)
-"""kg and m: the same of a tool that is not stated."""
+"""kg and m: the same for a tool that is not stated."""
 RECORDED = ("compensated", "rezeroed")
-"""Mistakes that are facts of how a log was recorded, and no error of a draft."""
+"""Mistakes that are facts of how a log was recorded, and not errors of a draft."""
 
 
 def checked_draft(request: Request) -> Draft:
-    """Draft a setup, and once more with what a check of the first draft finds.
+    """Draft a setup, and draft it again with what a check of the first draft finds.
 
     Raises:
-        UsageError, LogError, SetupError: as of ``draft``.
+        UsageError, LogError, SetupError: as for ``draft``.
     """
     found = draft(request)
     if found.log is not None and (further := _recorded_so(found.setup, found.log)):
@@ -36,7 +36,7 @@ def checked_draft(request: Request) -> Draft:
 
 
 def _recorded_so(setup: Setup, log: Log | Poses) -> dict[str, Known]:
-    """Keys by which a check of the draft says that the controller compensates, or that the sensor was set to zero."""
+    """Keys with which a check of the draft states that the controller compensates, or that the sensor was tared."""
     findings = check_setup(setup, [log]).findings
     return {
         key: Known(value, found.remedy.partition(":")[0])
@@ -47,7 +47,7 @@ def _recorded_so(setup: Setup, log: Log | Poses) -> dict[str, Known]:
 
 
 def with_loose_tool(setup: Setup) -> Setup:
-    """The setup with a tool to start from, and standard errors of what it states without them."""
+    """The setup with a tool to start from, and with standard errors where it states none."""
     guessed = with_guessed_tool(setup)
     mass, center = (max(LOOSE[0] * guessed.tool.mass, 0.0), LOOSE[1]) if guessed is setup else LOOSE_GUESS
     tool = guessed.tool
@@ -59,9 +59,9 @@ def with_loose_tool(setup: Setup) -> Setup:
 
 
 def loosened(found: Setup, stated: Setup) -> Setup:
-    """A setup with the tool that was found, which causes beside it may still move as far as the stated one.
+    """The identified tool with the standard errors of the stated one, so that causes may still change it as much.
 
-    Where its sensor turns about is not believed yet: what turns and lags seems to turn at a distance, too.
+    The point that its sensor turns about is not taken over yet: a delay in rotation also looks like a lever arm.
     """
     loose = stated.tool
     tool = replace(found.tool, mass_std=loose.mass_std, center_of_mass_std=loose.center_of_mass_std)
@@ -69,12 +69,12 @@ def loosened(found: Setup, stated: Setup) -> Setup:
 
 
 def larger(one: Mapping[str, Array], other: Mapping[str, Array]) -> dict[str, Array]:
-    """The larger of two standard errors of each key; one that is not known counts as smaller."""
+    """The larger of two standard errors of each key; an unknown one counts as smaller."""
     return {key: np.fmax(one.get(key, 0.0), other.get(key, 0.0)) for key in {**one, **other}}
 
 
 def as_uncertain(found: Setup, beside: Mapping[str, Array]) -> Setup:
-    """A setup whose tool has standard errors no smaller than those beside the causes that it has, by keys of [tool]."""
+    """A setup whose tool has standard errors no smaller than those fitted beside its causes, by keys of [tool]."""
     errors = larger({key: getattr(found.tool, f"{key}_std") for key in beside}, beside)
     plain: dict[str, Any] = {f"{key}_std": std if std.ndim else float(std) for key, std in errors.items()}
     return replace(found, tool=replace(found.tool, **plain))

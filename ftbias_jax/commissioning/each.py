@@ -1,4 +1,4 @@
-"""The verbs of many logs, each by itself: diagnosed, or asked for its tool."""
+"""Diagnosis, or identification of the tool, of many logs one by one."""
 
 from collections.abc import Iterable
 from concurrent.futures import Executor
@@ -16,16 +16,16 @@ from ftbias_jax.setup import GivenSetup, as_setup
 def diagnose_each(
     setup: GivenSetup, logs: GivenLog | Iterable[GivenLog], *, executor: Executor | None = None, **choices: Any
 ) -> Results[Diagnosis]:
-    """Diagnose many logs, each by itself, as ``ftbias diagnose LOG... -o FOLDER`` does, not together as ``diagnose``.
+    """Diagnose many logs separately, as ``ftbias diagnose LOG... -o FOLDER`` does, not together as ``diagnose``.
 
     Args:
-        setup: what the robots' owner believes, or its path.
-        logs: as of ``diagnose``, or their paths; from a list or a generator, taken one at a time.
-        executor: whose workers diagnose them, as of ``filter_log``.
+        setup: nominal setup of the robots, or its path.
+        logs: as for ``diagnose``, or their paths; from a list or a generator, taken one at a time.
+        executor: executor whose workers diagnose them, as for ``filter_log``.
         choices: arguments of ``diagnose``: without, effects, unchecked.
 
     Returns:
-        a diagnosis for each log in their order, None for one that cannot be diagnosed: ``errors`` says why.
+        a diagnosis for each log in their order, None for one that cannot be diagnosed: ``errors`` has the reason.
 
     Raises:
         UsageError: there is no log.
@@ -36,16 +36,16 @@ def diagnose_each(
 def identify_each(
     setup: GivenSetup, logs: GivenMotion | Iterable[GivenMotion], *, executor: Executor | None = None, **choices: Any
 ) -> Results[IdentifyResult]:
-    """Find the tool that each of many logs shows by itself, as ``ftbias identify LOG... -o FOLDER`` does.
+    """Identify the tool from each of many logs separately, as ``ftbias identify LOG... -o FOLDER`` does.
 
     Args:
-        setup: as of ``identify_tool``.
-        logs: as of ``identify_tool``, or their paths; from a list or a generator, taken one at a time.
-        executor: whose workers do it, as of ``filter_log``.
+        setup: as for ``identify_tool``.
+        logs: as for ``identify_tool``, or their paths; from a list or a generator, taken one at a time.
+        executor: executor whose workers identify the tools, as for ``filter_log``.
         choices: arguments of ``identify_tool``: mounting, gravity, bias, crosstalk, unchecked.
 
     Returns:
-        a result for each log in their order, None for one that has none: ``errors`` says why.
+        a result for each log in their order, None for one that has none: ``errors`` has the reason.
 
     Raises:
         UsageError: there is no log.

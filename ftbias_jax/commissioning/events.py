@@ -1,4 +1,4 @@
-"""What happened in one log, and is no property of its robot: a setup for the logs recorded next has none of it."""
+"""Events of one log that are no property of its robot, and so are left out of a setup for logs recorded next."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
@@ -12,14 +12,14 @@ from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.setup.types import Setup
 
 DRIVES = ("time", "load_time", "frequency")
-"""Of terms that go by the time since the first sample of their log."""
+"""Drives of terms that depend on the time since the first sample of their log."""
 
 
 def without_events(setup: Setup, given: Setup) -> tuple[Setup, tuple[str, ...]]:
-    """The setup without what goes by the clock of one log, and the names of that.
+    """The setup without effects that depend on the time within one log, and the names of these.
 
-    A jump or a warm-up of the bias, contact, what is switched at a time, and a wave, whose phase is another one in the
-    next log, would be predicted there as well. What ``given`` states stays: its owner knows why.
+    A jump or a warm-up of the bias, contact, what is switched at a time, and a wave, whose phase differs in the next
+    log, would be predicted there as well. What ``given`` states is kept, because its owner knows why.
     """
     catalogue, stated = catalogue_of_setup(setup), given.effects
     events = [
@@ -37,19 +37,19 @@ def without_events(setup: Setup, given: Setup) -> tuple[Setup, tuple[str, ...]]:
 def is_bias_alone(found: Diagnosis, steps: Sequence[Step]) -> bool:
     """Whether a diagnosis adds to its causes, which were the last step, only how much the bias wanders.
 
-    The filter finds that by itself, and predicts no better with it. Whoever identifies the tool needs it all the same.
+    The filter finds that itself, and predicts no better with it; the identification of the tool needs it all the same.
     """
     return (not found.causes or steps[-1].kept) and all(term.form == WANDER for term in found.terms)
 
 
 def other_causes(setup: Setup, looked_for: Collection[str]) -> set[str]:
-    """Causes of any kind but those, and but for what a draft leaves open."""
+    """All causes except ``looked_for`` and those that a draft leaves open."""
     catalogue = catalogue_of_setup(setup)
     return {*catalogue, TERM} - {*looked_for, *left_open(setup, catalogue)}
 
 
 def same_causes(one: Setup, other: Setup, draft: Setup) -> bool:
-    """Whether two setups that a draft became have the same effects, but for what the draft left open."""
+    """Whether two setups from one draft have the same effects, except for those that the draft leaves open."""
     return {*one.effects} ^ {*other.effects} <= {*left_open(draft, catalogue_of_setup(draft))}
 
 

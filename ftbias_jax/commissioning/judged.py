@@ -1,6 +1,6 @@
-"""How well a setup predicts the unseen end of logs, and whether one predicts better than another.
+"""How well a setup predicts the held-out end of logs, and whether one setup predicts better than another.
 
-What a diagnosis found may not be written into a setup if that filters the same logs worse.
+The findings of a diagnosis may not be written into a setup if it then predicts the same logs worse.
 """
 
 from collections.abc import Sequence
@@ -24,36 +24,36 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES, Array
 
 MATTERS = 0.01
-"""Least share by which errors must be smaller."""
+"""Smallest relative change of the errors that counts."""
 SAME = 1e-9
-"""Share by which errors differ that are the same but for rounding."""
+"""Relative change of the errors that is only rounding."""
 FEWER = 0.03
 """Share of the samples that a better setup may leave out beyond those that the other one leaves out."""
 LEAST_INSIDE = 0.85
-"""Of readings in their 95 % intervals: a setup with fewer, and fewer than the other one, is not better."""
+"""Share of readings in their 95 % intervals: a setup with fewer, and fewer than the other one, is not better."""
 WITHIN = 1.96
-"""Standard deviations of a 95 % interval."""
+"""Half-width of a 95 % interval in standard deviations."""
 TARE = 0.5
-"""s at the start of a log, of which the mean is a held tare."""
+"""s at the start of a log whose mean is a held tare."""
 SETUPS = 6
-"""How many are judged on the way from a draft to its calibration, about."""
+"""Approximate number of setups that are judged from a draft to its calibration."""
 HELD_TARE, CONSTANT = f"tare of the first {TARE} s", "constant bias"
-"""What needs no filter."""
+"""Names of predictions that need no filter."""
 
 
 class Judged(NamedTuple):
-    """What a setup makes of the unseen end of logs; T samples of all of them, H horizons."""
+    """Prediction errors of a setup on the held-out end of logs; T samples of all of them, H horizons."""
 
     errors: Array
-    """(H, T, 6) N, Nm: the reading less the one predicted so many seconds before; NaN = not used or not predicted."""
+    """(H, T, 6) N, Nm: the reading minus its prediction at each horizon; NaN = not used or not predicted."""
     inside: Array
-    """(H, T, 6) 1 where the reading is in the 95 % interval predicted so long before, 0 where not, NaN = not used."""
+    """(H, T, 6) 1 where the reading is in its predicted 95 % interval, 0 where not, NaN = not used."""
     used: Array
-    """(T,) 1 where the filter took the sample, 0 where not, NaN = the setup's effects say that it is worth nothing."""
+    """(T,) 1 where the filter used the sample, 0 where not, NaN = useless because of the setup's effects."""
     stretch: Array
-    """(T,) number of the stretch of a log."""
+    """(T,) index of the segment of a log."""
     constant: Array
-    """(2, T, 6) N, Nm: the reading less the tool's wrench and a bias that needs no filter: that of HELD_TARE, and of
+    """(2, T, 6) N, Nm: the reading minus the tool's wrench and a bias that needs no filter, of HELD_TARE and of
     CONSTANT; NaN = not used."""
 
     @property
@@ -63,7 +63,7 @@ class Judged(NamedTuple):
 
     @property
     def coverage(self) -> Array:
-        """(H, 6) share of the readings in their 95 % intervals; NaN = none was predicted."""
+        """(H, 6) share of the readings in their 95 % intervals; NaN = nothing was predicted."""
         return _mean(self.inside)
 
 
@@ -71,12 +71,12 @@ class Difference(NamedTuple):
     """How much smaller the errors of one setup are than those of another."""
 
     share: float
-    """Mean over axes and horizons of the logarithm of the ratio of their rms; negative = smaller."""
+    """Mean over axes and horizons of the log ratio of their rms errors; negative = smaller."""
     stderr: float
     fewer: float
-    """Share of the samples that only the other one takes."""
+    """Share of the samples that only the other setup uses."""
     misses: bool
-    """Whether its intervals hold fewer readings than the other's, and fewer than they should."""
+    """Whether its intervals hold fewer readings than the other's, and fewer than LEAST_INSIDE."""
 
     @property
     def is_better(self) -> bool:
@@ -90,7 +90,7 @@ class Difference(NamedTuple):
 
     @property
     def costs(self) -> str:
-        """What is worse beside the errors, in words; "" = nothing."""
+        """What is worse besides the errors, in words; "" = nothing."""
         fewer = f"{100 * self.fewer:.0f} % fewer samples used" if self.fewer > FEWER else ""
         return "; ".join(x for x in (fewer, "too few readings in their intervals" if self.misses else "") if x)
 
@@ -103,19 +103,19 @@ class Difference(NamedTuple):
 
 
 def judge(setup: Setup, logs: Sequence[Log], hold_out: float) -> Judged:
-    """Filter whole logs, and take the errors at their ends.
+    """Filter whole logs, and compute the prediction errors at their ends.
 
     Args:
-        setup: to filter with.
-        logs: as ``read_log`` gives them.
-        hold_out: share at the end of each that counts.
+        setup: setup to filter with.
+        logs: logs as returned by ``read_log``.
+        hold_out: share at the end of each log that counts.
     """
     with compiled_for_few_calls(SETUPS * sum(len(log.t) for log in logs)):
         return _joined([_of_end(filter_log(setup, log, unchecked=True), log, hold_out) for log in logs])
 
 
 def baselines(judged: Judged) -> dict[str, Judged]:
-    """What needs no filter, with a setup's tool: a bias held from the log's start, or its mean over what was fitted."""
+    """Errors without a filter, with a setup's tool: of a bias held from the start, or its mean over the fitted part."""
     unknown = np.full_like(judged.inside, np.nan)
     return {
         name: judged._replace(errors=np.stack([errors] * len(HORIZONS)), inside=unknown)
@@ -124,13 +124,13 @@ def baselines(judged: Judged) -> dict[str, Judged]:
 
 
 def compare(new: Judged, old: Judged) -> Difference:
-    """Errors of two setups at the samples that both used.
+    """Compare the errors of two setups at the samples that both used.
 
-    The standard error is a jackknife over stretches of the logs, in which errors are much alike.
+    The standard error is a jackknife over segments of the logs, within which errors are correlated.
 
     Args:
-        new: of the setup that may be taken.
-        old: of the one before it.
+        new: errors of the setup that may be accepted.
+        old: errors of the setup before it.
     """
     both = np.isfinite(new.errors) & np.isfinite(old.errors)
 
@@ -151,7 +151,7 @@ def table(rows: dict[str, Judged]) -> list[tuple[str, ...]]:
     """Name, seconds ahead, root mean square errors of the six axes, coverage and samples used; a row for each horizon.
 
     Args:
-        rows: what is compared, by name.
+        rows: errors to compare, by name.
     """
     return [
         (
@@ -167,24 +167,24 @@ def table(rows: dict[str, Judged]) -> list[tuple[str, ...]]:
 
 
 HEAD = ("unseen end, rms in N, Nm", "ahead", *AXES, "in 95 %", "used")
-"""Of ``table``."""
+"""Header of ``table``."""
 
 
 @in_float64
 def objection(setup: Setup, diagnosis: Diagnosis, logs: Sequence[Log]) -> str:
-    """Why a setup with what was found should not be written, and which part of it is the reason; "" = nothing.
+    """Why a setup with the findings should not be written, and which of them are the reason; "" = no objection.
 
     Args:
-        setup: that was diagnosed.
-        diagnosis: with what it found.
-        logs: in which it was found, as ``read_log`` gives them.
+        setup: setup that was diagnosed.
+        diagnosis: diagnosis with the findings.
+        logs: logs that were diagnosed, as returned by ``read_log``.
     """
     logs = [clean(log) for log in logs]
     setup = setup.with_effects(diagnosis.own_effects)
     causes, terms = diagnosis.causes, diagnosis.terms
     try:
         given = judge(setup, logs, 1.0)
-    except FtbiasError:  # with which nothing can be compared
+    except FtbiasError:  # nothing can be compared with it
         return ""
     lost = _lost(with_causes(setup, causes, terms), given, logs)
     if lost is None:
@@ -199,9 +199,9 @@ def objection(setup: Setup, diagnosis: Diagnosis, logs: Sequence[Log]) -> str:
 
 
 def _lost(setup: Setup, given: Judged, logs: Sequence[Log]) -> Difference | FtbiasError | None:
-    """What is lost by a setup in the place of the given one, over whole logs, or why it cannot filter them.
+    """How much worse a setup is than the given one over whole logs, or why it cannot filter them; None = not worse.
 
-    These are the logs in which it was found: what predicts them worse predicts no other log better.
+    These are the logs of the diagnosis: a setup that predicts them worse predicts no other log better.
     """
     try:
         difference = compare(judge(setup, logs, 1.0), given)
@@ -211,24 +211,24 @@ def _lost(setup: Setup, given: Judged, logs: Sequence[Log]) -> Difference | Ftbi
 
 
 def _errors(result: FilterResult) -> tuple[Array, Array]:
-    """(H, T, 6) errors, and whether the readings are in their intervals."""
+    """(H, T, 6) prediction errors, and whether the readings are in their intervals."""
     found = [(prediction_errors(result, result.params.bias, ahead), _std_ahead(result, ahead)) for ahead in HORIZONS]
     errors, std = (np.stack(parts) for parts in zip(*found, strict=True))
     return errors, np.where(np.isfinite(errors), np.abs(errors) < WITHIN * std, np.nan)
 
 
 def _std_ahead(result: FilterResult, seconds: float) -> Array:
-    """(T, 6) N, Nm: of the error of predicting each reading so many seconds before it."""
+    """(T, 6) N, Nm: standard deviation of the error of predicting each reading ``seconds`` before it."""
     past = np.searchsorted(result.t, result.t - seconds, side="right") - 1
     variance = result.forecast(seconds).std[past] ** 2
     if result.reading_std is not None:
-        # The noise that the motion makes is that of now: how the arm will move is known beforehand.
+        # The noise due to motion is that at the reading, because the motion of the arm is known beforehand.
         variance += result.reading_std**2 - result.reading_std[past] ** 2
     return np.sqrt(variance)
 
 
 def _of_end(result: FilterResult, log: Log, hold_out: float) -> Judged:
-    """Errors at the end of a log, at all stamps of its wrench: the result leaves out what the setup says is useless."""
+    """Errors at the end of a log, at all stamps of its wrench; the result lacks those that the setup makes useless."""
     t = log.t[np.isfinite(log.wrench).any(1)] + log.start
     begin = float(t[-1] - hold_out * (t[-1] - t[0]))
     rows, places = t >= begin, np.searchsorted(t, result.t)
@@ -259,12 +259,12 @@ def _joined(parts: Sequence[Judged]) -> Judged:
 
 
 def _rms(errors: Array) -> Array:
-    """(..., T, 6) -> (..., 6) over what is not NaN; NaN where nothing is known."""
+    """(..., T, 6) -> (..., 6) root mean square without NaN; NaN where nothing is known."""
     return np.sqrt(_mean(errors**2))
 
 
 def _mean(x: Array) -> Array:
-    """(..., T, 6) -> (..., 6) over what is not NaN; NaN where nothing is known."""
+    """(..., T, 6) -> (..., 6) mean without NaN; NaN where nothing is known."""
     known = np.isfinite(x)
     count = known.sum(-2)
     mean: Array = np.where(known, x, 0.0).sum(-2) / np.maximum(count, 1)

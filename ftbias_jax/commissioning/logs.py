@@ -1,4 +1,4 @@
-"""The parts of logs that a calibration looks at."""
+"""Parts of logs that a calibration uses."""
 
 from collections.abc import Sequence
 
@@ -9,11 +9,11 @@ from ftbias_jax.io.log import Log
 
 
 def without_end(log: Log, hold_out: float) -> Log:
-    """A log whose sensor reads nothing in its last part: of the same length, so that both share their programs."""
+    """A log without wrench readings in its held-out end; of the same length, so that both share compiled programs."""
     seen = np.arange(len(log.t)) < max(1, round((1 - hold_out) * len(log.t)))
     return log._replace(wrench=np.where(seen[:, None], log.wrench, np.nan))
 
 
 def longest(logs: Sequence[Log]) -> Log:
-    """The longest of some logs, cleaned."""
+    """The longest of the logs, cleaned."""
     return clean(max(logs, key=lambda log: float(log.t[-1] - log.t[0])))

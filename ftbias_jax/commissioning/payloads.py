@@ -1,4 +1,4 @@
-"""The verb ``identify_payloads``: when a tool carries a part, how heavy it is, and where."""
+"""Public function ``identify_payloads``: when a tool carries a part, how heavy the part is, and where."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -20,9 +20,9 @@ class Payloads(NamedTuple):
     """The parts that a tool carries in one log."""
 
     setup: Setup
-    """With a term of each part, at the times of this log: what filters it knows of them."""
+    """Setup with a term for each part at the times of this log, so that a filter of this log knows of them."""
     parts: tuple[FoundTerm, ...]
-    """kg, m of the sensor frame and s since the first sample, with standard errors."""
+    """Parts with values in kg, m in the sensor frame and s since the first sample, with standard errors."""
 
     def __str__(self) -> str:
         return "\n".join(map(_in_words, self.parts))
@@ -33,16 +33,16 @@ def identify_payloads(
 ) -> Payloads:
     """Find when the tool takes up and puts down a part, the part's mass, and its place in the hand.
 
-    They are the loads among the terms of ``diagnose``; of all else that it finds nothing is taken.
+    They are the payload terms that ``diagnose`` finds; its other results are not used.
 
     Args:
-        setup: robot, sensor, and the tool without the part; or its path.
-        log: as recorded (``read_log(..., raw=True)``), or its path, moving with the part and without.
-        unchecked: do not look first whether the setup can be right (``check_setup``).
+        setup: setup with robot, sensor, and the tool without the part; or its path.
+        log: log as recorded (``read_log(..., raw=True)``), or its path, with motion with the part and without.
+        unchecked: skip the check whether the setup can be right (``check_setup``).
         progress: called with the name of each stage as it begins.
 
     Raises:
-        SetupError: the setup is wrong, as the log shows.
+        SetupError: the log shows that the setup is wrong.
         LogError: the log shows no part that is taken up or put down.
     """
     setup = as_setup(setup)

@@ -1,4 +1,4 @@
-"""The steps that were kept on the way to a setup, repeated with all of the logs."""
+"""Repetition, with the whole logs, of the steps that a calibration kept."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -20,15 +20,15 @@ from ftbias_jax.types import Array
 def repeat(
     steps: Sequence[Step], start: Setup, reached: Setup, logs: Sequence[Log], names: Sequence[str], first_tool: bool
 ) -> Setup | None:
-    """The steps that were kept with all of the logs; None if these do not show the same causes.
+    """Repeat, with the whole logs, the steps that were kept; None if these do not show the same causes.
 
     Args:
-        steps: on the way; those that were refused are left out.
-        start: where it began.
-        reached: where it ended, with parts of the logs.
-        logs: whole, as they were given.
-        names: of the logs.
-        first_tool: take the tool as it was identified last, whatever causes did to it.
+        steps: steps of the calibration; those that were refused are left out.
+        start: setup at the start of the calibration.
+        reached: setup at its end, from parts of the logs.
+        logs: whole logs, as they were given.
+        names: names of the logs.
+        first_tool: take the tool as it was identified last, whatever causes changed in it.
     """
     setup, looked_for, kept = start, set[str](), [step for step in steps if step.kept]
     beside: Mapping[str, Array] = {}

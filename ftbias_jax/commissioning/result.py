@@ -1,4 +1,4 @@
-"""What a calibration gives back: the setup, what was tried and why it stayed or not, and errors before and after."""
+"""Result of a calibration: the setup, which steps were tried, why they were kept or not, errors before and after."""
 
 import os
 from collections.abc import Sequence
@@ -26,78 +26,78 @@ CAUSES, TERMS, TOOL, CHANNELS, NOISE = "causes", "terms", "tool", "gains and cro
 FIRST = "tool, first"
 """Kinds of steps."""
 GIVEN, CALIBRATED = "setup as given", "calibrated"
-"""Rows of the errors that are of a filter."""
+"""Rows of the errors that come from a filter."""
 HOW_TO_READ = (
     "Root mean square errors of predicting the reading at the end of the logs, which no step has seen, from what the "
     "filter knew so many seconds before; beside it what needs no filter, with the calibrated tool."
 )
 AS_GOOD = 1.02
-"""A constant bias whose errors times this are smaller predicts better."""
+"""A held bias predicts better if the errors of the setup are more than this many times larger."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """Something that was tried."""
+    """A step that was tried."""
 
     kind: str
     """"causes", "terms", "tool", "gains and crosstalk", "noise" or "tool, first"."""
     name: str
     kept: bool
     why: str
-    """How the errors of what was not seen change, or why it could not be tried."""
+    """How the errors on held-out data change, or why the step could not be tried."""
     parts: tuple[str, ...] = ()
     """Names of the effects, drives of the terms, "tool", "crosstalk" or "noise"; () = nothing was found to try."""
 
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """A setup, and how well it predicts."""
+    """A calibrated setup, and how well it predicts."""
 
     setup: Setup
-    """With what was kept, but for ``events``."""
+    """Setup with what was kept, except ``events``."""
     steps: tuple[Step, ...]
     rows: dict[str, Judged]
-    """Errors on the unseen end of the logs: of the setup as given, of the calibrated one if anything was kept, and of
+    """Errors on the held-out end of the logs: of the setup as given, of the calibrated one if anything was kept, and of
     biases that are held."""
     diagnosis: Diagnosis | None
-    """The last one; None = there was none."""
+    """The last diagnosis; None = there was none."""
     repairs: tuple[Repairs, ...] = ()
-    """One a log: what was mended or left out."""
+    """One per log: what was repaired or left out."""
     seconds: float = 0.0
-    """That it took."""
+    """s that the calibration took."""
     events: tuple[str, ...] = ()
-    """What was kept and belongs to these logs alone: the errors are with it, the setup for other logs is without."""
+    """What was kept but belongs to these logs alone: the errors include it, the setup for other logs does not."""
 
     @property
     def kept(self) -> tuple[Step, ...]:
-        """The steps that the setup has."""
+        """The steps that were kept."""
         return tuple(step for step in self.steps if step.kept)
 
     @property
     def constant_is_better(self) -> tuple[str, ...]:
-        """Where a bias that is held predicts better than the setup: axis and horizon."""
+        """Axes and horizons on which a bias that is held predicts better than the setup."""
         held = [judged.rms for name, judged in self.rows.items() if name not in (GIVEN, CALIBRATED)]
         worse = self.rows.get(CALIBRATED, self.rows[GIVEN]).rms > AS_GOOD * np.min(held, axis=0)
         return tuple(f"{AXES[j]} {HORIZONS[i]:g} s ahead" for i, j in zip(*np.nonzero(worse), strict=True))
 
     @property
     def left_out(self) -> str:
-        """What the setup is without, in words; "" = nothing."""
+        """What the setup leaves out, in words; "" = nothing."""
         return f"of these logs alone, and not in the setup: {', '.join(self.events)}" if self.events else ""
 
     @property
     def sentence(self) -> str:
-        """What came out, in one sentence."""
+        """The outcome in one sentence."""
         if not self.kept:
             return "Nothing that was tried predicts the unseen end better: the setup is as given."
         return f"Kept {len(self.kept)} of {len(self.steps)} steps: {'; '.join(step.name for step in self.kept)}."
 
     def save(self, path: str | os.PathLike[str], by: str = "") -> None:
-        """Write the setup; ``Setup.save`` has the errors.
+        """Write the setup; raises what ``Setup.save`` raises.
 
         Args:
-            path: of the TOML file.
-            by: as of ``Setup.save``.
+            path: path of the TOML file.
+            by: as for ``Setup.save``.
         """
         self.setup.save(path, by)
 
@@ -105,7 +105,7 @@ class Calibrated:
         """Write a page with steps, errors and the setup.
 
         Args:
-            path: of the page.
+            path: path of the page.
 
         Raises:
             OutputError: the file cannot be written there.
@@ -121,7 +121,7 @@ class Calibrated:
         write_text(path, whole_page("Calibration", body))
 
     def plain(self) -> dict[str, Any]:
-        """What was kept and refused, and errors of the unseen end, as plain lists and numbers, for JSON."""
+        """Kept and refused steps, and errors on the held-out end, as plain lists and numbers for JSON."""
         ours = self.rows.get(CALIBRATED, self.rows[GIVEN])
 
         def of_horizon(i: int) -> dict[str, Any]:
@@ -152,7 +152,7 @@ class Calibrated:
 
 
 def poses_to_html(found: IdentifyResult, path: str | os.PathLike[str]) -> None:
-    """Write a page with the tool that static poses show, how well each is predicted from the others, and the setup.
+    """Write a page with the tool identified from static poses, how well they predict each other, and the setup.
 
     Raises:
         OutputError: the file cannot be written there.
@@ -168,7 +168,7 @@ def poses_to_html(found: IdentifyResult, path: str | os.PathLike[str]) -> None:
 
 
 def plain_of_poses(found: IdentifyResult) -> dict[str, Any]:
-    """The tool that static poses show, and how well each is predicted from the others, for JSON."""
+    """The tool identified from static poses, and how well each pose is predicted from the others, for JSON."""
     numbers = zip(NAMES, found.tool.values, found.tool.stderr, found.tool.remarks, strict=True)
     shown = {name: {"value": plain(value), "stderr": plain(stderr)} for name, value, stderr, why in numbers if not why}
     assert found.poses is not None
@@ -185,7 +185,7 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def nothing_found(found: IdentifyResult, crosstalk: bool) -> str:
-    """Why there is nothing to try; "" = there is."""
+    """Why an identification found nothing to try; "" = it did."""
     if not found.converged:
         return "the search did not converge"
     if crosstalk and (found.channels is None or not found.channels.shown):

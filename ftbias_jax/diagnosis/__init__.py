@@ -1,4 +1,4 @@
-"""Where a log departs from the model, which effect causes it, and how far it shrinks once the effect is added."""
+"""Where a log departs from the model, which effect causes it, and how far the gap shrinks once it is modelled."""
 
 from ftbias_jax.diagnosis.apply import setup_with_causes
 from ftbias_jax.diagnosis.report.as_json import save_json

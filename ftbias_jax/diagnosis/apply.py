@@ -1,6 +1,6 @@
-"""The setup mended: what a diagnosis found becomes part of what the robot's owner states.
+"""Apply a diagnosis to a setup: what was found becomes part of what the setup states.
 
-The catalogue is imported where it is needed: it brings JAX, which pages of saved results do without.
+The catalogue is imported inside the functions because it imports JAX, which pages of saved results do without.
 """
 
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ from ftbias_jax.setup.types import Setup
 
 
 def setup_with_causes(diagnosis: Diagnosis, setup: Setup) -> Setup:
-    """A setup with the causes among its effects, in place of the same ones, and the terms after those it has.
+    """Setup with the causes added to its effects, replacing equal ones, and the terms appended to those it has.
 
-    Those with values that no setup can state are left out (``refused``). ``Diagnosis.apply`` is this.
+    Causes and terms whose values no setup can state are left out (``refused``). Bound to ``Diagnosis.apply``.
     """
     setup = setup.with_effects(diagnosis.own_effects)
     return with_causes(setup, diagnosis.causes, diagnosis.terms, diagnosis.model_stderr)
@@ -30,22 +30,22 @@ def with_causes(
     terms: Sequence[FoundTerm] = (),
     model_stderr: np.ndarray | None = None,
 ) -> Setup:
-    """The setup with the causes and terms among its effects, but for those that ``refused`` names.
+    """Setup with the causes and terms added to its effects, except those that ``refused`` names.
 
-    The sensor's noise is replaced where it stands, and so is what the setup states of the tool with a standard error,
-    as a draft does.
+    Sensor noise replaces the value in [sensor], and tool parameters that the setup states with a standard error, as a
+    draft does, are replaced in [tool].
 
     Args:
-        setup: of the diagnosis.
-        causes: their values replace those the setup has for the same effect.
-        terms: come after those that the setup has; a bias that wanders changes what it states of the bias.
-        model_stderr: (6,) N, Nm of the reading with them, for the error bars, if it is more than the setup states.
+        setup: setup of the diagnosis.
+        causes: their values replace those that the setup has for the same effect.
+        terms: appended to those of the setup; a bias that wanders changes what the setup states of the bias.
+        model_stderr: (6,) N, Nm, standard error of the reading with the causes, used if larger than the setup's.
     """
     from ftbias_jax.model.effects.terms.parse import TERM
     from ftbias_jax.model.params import NOISE_LEVEL, with_noise_as_known
 
     causes = [cause for cause in causes if not _refusal(setup, {cause.effect: cause.parameters})]
-    setup = with_noise_as_known(setup)  # by which the one that was found was measured
+    setup = with_noise_as_known(setup)  # the found noise was measured relative to it
     setup, causes = _with_tool(setup, causes)
     setup = _with_wander(setup, terms)
     setup = _with_model_error(setup, model_stderr) if causes else setup
@@ -64,7 +64,7 @@ def with_causes(
 
 
 def _with_tool(setup: Setup, causes: Sequence[Candidate]) -> tuple[Setup, list[Candidate]]:
-    """The setup with mass and centre of mass in place of those it has standard errors of, and the other causes."""
+    """Setup with mass and centre of mass replaced where it states their standard errors, and the remaining causes."""
     from ftbias_jax.model.own_effects import catalogue_of_setup
 
     tool, comments, others = setup.tool, dict(setup.comments), list[Candidate]()
@@ -84,7 +84,7 @@ def _with_tool(setup: Setup, causes: Sequence[Candidate]) -> tuple[Setup, list[C
 
 
 def refused(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm] = ()) -> tuple[str, ...]:
-    """Why no setup can state some causes or terms: a value that fits the log may be outside the catalogue's bounds."""
+    """Reasons why no setup can state some causes or terms: a fitted value may be outside the catalogue's bounds."""
     from ftbias_jax.model.effects.terms.parse import TERM
 
     sections: list[dict[str, Any]] = [{cause.effect: cause.parameters} for cause in causes]
@@ -93,7 +93,7 @@ def refused(setup: Setup, causes: Sequence[Candidate], terms: Sequence[FoundTerm
 
 
 def _with_wander(setup: Setup, terms: Sequence[FoundTerm]) -> Setup:
-    """The setup with the noise of a bias that wanders, if that is one of the terms."""
+    """Setup with the noise density of the wandering bias, if one of the terms is that."""
     for term in terms:
         if term.form == WANDER:
             bias = replace(setup.bias, noise_density=np.asarray(term.section["noise_density"], float))
@@ -111,17 +111,17 @@ def _with_model_error(setup: Setup, stderr: np.ndarray | None) -> Setup:
 
 
 def _of_effects(terms: Sequence[FoundTerm]) -> list[FoundTerm]:
-    """The terms that a setup states among its effects."""
+    """Terms that a setup states among its effects."""
     return [term for term in terms if term.form != WANDER]
 
 
 def some_applied(diagnosis: Diagnosis, not_stated: Sequence[str]) -> bool:
-    """Whether the setup with what was found is worth writing: unless all of it is ``refused``, which is not stated."""
+    """Whether the setup with the findings is worth writing: not if ``refused`` (``not_stated``) rejects all of them."""
     return not not_stated or len(not_stated) < len(diagnosis.causes) + len(diagnosis.terms)
 
 
 def _refusal(setup: Setup, effects: dict[str, Any]) -> str:
-    """Why a setup cannot state these effects; "" if it can."""
+    """Reason why a setup cannot state these effects; "" if it can."""
     from ftbias_jax.model.effects.catalogue import values_from_setup
     from ftbias_jax.model.own_effects import catalogue_of_setup
 

@@ -1,4 +1,4 @@
-"""Every effect fitted on top of those accepted so far."""
+"""Candidate causes of one round: every effect fitted together with the causes accepted so far."""
 
 from collections.abc import Callable, Collection
 from typing import NamedTuple
@@ -20,20 +20,20 @@ from ftbias_jax.model.effects.fitting import SMOOTH, Grid
 
 
 class Scored(NamedTuple):
-    """A hypothesis fitted together with the accepted ones."""
+    """Hypothesis fitted together with the accepted ones."""
 
     fit: Fit
     nats: float
-    """Gained over the accepted ones alone, after the penalty."""
+    """Penalised gain in log-likelihood over the accepted hypotheses alone."""
 
     @property
     def hypothesis(self) -> Hypothesis:
-        """The one that was added."""
+        """The hypothesis that was added."""
         return self.fit.hypotheses[-1]
 
 
 def score(better: Fit, worse: Fit) -> float:
-    """nats that one fit gains over another, after the penalty."""
+    """Gain of one fit over another in nats, after the penalty for its additional parameters."""
     return better.log_likelihood - worse.log_likelihood - thresholds.NATS_PER_DEGREE * (better.degrees - worse.degrees)
 
 
@@ -44,10 +44,10 @@ def candidates(
     without: Collection[str] = (),
     all_smooth: bool = False,
 ) -> list[Scored]:
-    """Every effect that is not accepted yet, fitted on top of the accepted ones; best first.
+    """All effects that are not accepted yet, each fitted together with the accepted ones; best first.
 
-    Those of ``without`` are not proposed. ``library`` gives the whitened series that may be. With ``all_smooth`` weak
-    smooth effects are among them, too, to first order: they make the ranking whole.
+    Effects in ``without`` are not proposed. ``library`` returns the whitened series that may be proposed. With
+    ``all_smooth``, weak smooth effects are included to first order, so that the ranking is complete.
     """
     unseen = {name for name, effect in problem.catalogue.items() if not problem.recorded.issuperset(effect.needs)}
     taken = {h.effect for h in accepted.hypotheses} | set(without) | set(problem.known) | unseen
@@ -75,12 +75,12 @@ def candidates(
 
 
 def _is_smooth(problem: Problem, h: Hypothesis) -> bool:
-    """Whether the derivative at zero strength tells all about it."""
+    """Whether the derivative at zero strength determines the effect completely."""
     return isinstance(problem.catalogue[h.effect].fit.search, SMOOTH)
 
 
 def _polish(problem: Problem, accepted: Fit, scored: list[Scored]) -> list[Scored]:
-    """The best ones fitted to the end; best first."""
+    """Fit the best candidates to convergence; best first."""
     top = max((s.nats for s in scored), default=0.0)
 
     def polished(s: Scored) -> Scored:
@@ -104,13 +104,13 @@ def _polish(problem: Problem, accepted: Fit, scored: list[Scored]) -> list[Score
 def _is_other_form(problem: Problem, h: Hypothesis) -> bool:
     """Whether an effect is not in its usual form, such as a filter of another order.
 
-    Some form or other fits errors of the joints: it comes first only if it gains more than these can make.
+    Some form always fits errors of the joints, so it ranks first only if it gains more than these errors can cause.
     """
     return isinstance(problem.catalogue[h.effect].fit.search, Grid) and any(value for _, value in h.fixed)
 
 
 def _end(problem: Problem, rough: Fit) -> Fit:
-    """A fit brought to its end, with more numbers free or one fewer where an effect has such a form and gains by it."""
+    """Converged fit, with more or one fewer free parameters if the effect has such a form and gains by it."""
     end = fit(problem, rough.hypotheses, rough)
     for form in (ringing.freed, ringing.sagging):
         other = form(problem, end)
@@ -121,7 +121,7 @@ def _end(problem: Problem, rough: Fit) -> Fit:
 
 
 def _without_idle_forms(problem: Problem, scored: list[Scored]) -> list[Scored]:
-    """Without the general forms of other candidates that gain no more than chance beyond them, or by no sure number."""
+    """Drop general forms of other candidates that gain no more than chance over them or have no certain parameter."""
     nats = {s.hypothesis.effect: s.nats for s in scored}
 
     def is_idle(s: Scored) -> bool:
@@ -138,7 +138,7 @@ def _without_idle_forms(problem: Problem, scored: list[Scored]) -> list[Scored]:
 
 
 def _best_of_each(problem: Problem, scored: list[Scored]) -> list[Scored]:
-    """One start of every effect, one of every joint, and one of every form."""
+    """Best start of every effect, and of every joint and every form where these are hypotheses of their own."""
     best: dict[tuple[str, int], Scored] = {}
     for s in scored:
         of, group = s.hypothesis.detail, s.hypothesis.group

@@ -1,4 +1,4 @@
-"""Whether effects of one's own can be simulated, filtered and looked for: each fault in a sentence."""
+"""Check of user-defined effects: whether they can be simulated, filtered and diagnosed; one sentence per fault."""
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
@@ -29,16 +29,16 @@ from ftbias_jax.setup.robots import STANDARD_GRAVITY, built_in_robot
 from ftbias_jax.types import Array
 
 RATE, SECONDS, LONGEST = 50.0, 8.0, 100.0
-"""Hz, and s that the motion lasts on which effects are tried; s at most, where a search begins at later times."""
+"""Hz, and s, of the motion on which effects are tried; s at most, where a search starts at later times."""
 NEUTRAL = 1e-9
-"""N, Nm; a larger change by an effect that is switched off is a fault."""
+"""N, Nm; a switched-off effect that changes the reading by more has a fault."""
 SEEN = 1e-6
-"""N, Nm; a smaller change by an effect of typical size is none."""
+"""N, Nm; an effect of typical size that changes the reading by less does nothing."""
 STEP = 1e-4
-"""Of a coordinate, for differences that derivatives are compared with."""
+"""Step of a coordinate in the central differences that derivatives are compared with."""
 AGREE, CORNERS = 0.5, 0.2
-"""Share of its size by which a derivative may differ from the difference, and of the samples where it may differ by
-more: the derivative at a corner is that of one side, but what is rounded has none anywhere."""
+"""Share of its size by which a derivative may differ from the difference, and share of samples that may differ by more:
+at a corner the derivative is one-sided, whereas a rounded number has no derivative anywhere."""
 
 CHECKED = (Linear, Entries, Grid, Starts)
 """Searches that need derivatives with respect to all coordinates."""
@@ -46,15 +46,15 @@ CHECKED = (Linear, Entries, Grid, Starts)
 WITHOUT_SLOPE = "at neutral the reading does not depend on it: mark it search=True, or give it another neutral value"
 WITHOUT_NUMBER = "it needs a plain number where JAX has none yet: use jnp.where instead of if, and jnp instead of numpy"
 FromPython = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
-"""What JAX raises where code needs a plain number."""
+"""Exceptions of JAX where code needs a concrete number."""
 
 
 @in_float64
 def check_effects(effects: Sequence[Any]) -> list[str]:
-    """Faults of effects, a sentence each; [] = they can be used.
+    """Faults of effects, one sentence each; [] = all can be used.
 
     Args:
-        effects: ``Effect`` objects, such as ``load_effects`` gives.
+        effects: ``Effect`` objects, such as ``load_effects`` returns.
     """
     known, faults = set(CATALOGUE), list[str]()
     for effect in effects:
@@ -74,19 +74,19 @@ def _faults(effect: Effect, effects: Sequence[Any]) -> list[str]:
         return faults + (_of_recording if effect.hook == "record" else _of_reading)(effect, signals)
     except FromPython:
         return [*faults, WITHOUT_NUMBER]
-    except Exception as error:  # the caller's code: whatever it raises is told
+    except Exception as error:  # the caller's code: whatever it raises is reported
         return [*faults, f"its code raises {type(error).__name__}: {' '.join(str(error).split())[:200]}"]
 
 
 def _seconds(effect: Effect) -> float:
-    """How long a motion must be for what begins at the latest of stated starts; what states none begins in any."""
+    """Duration of a motion that covers the latest stated start; effects that state no start fit into any motion."""
     latest = [float(np.max(p.starts)) for p in effect.parameters if p.search and p.unit == "s" and p.starts]
     return float(np.clip(1.25 * max(latest, default=0.0), SECONDS, LONGEST))
 
 
 @lru_cache
 def _motion(seconds: float) -> Signals:
-    """A Panda that moves all its joints, with all that an effect may need; what it does is worked out once."""
+    """Panda that moves all its joints, with every signal that an effect may need; computed once per duration."""
     robot = built_in_robot("panda", STANDARD_GRAVITY)
     t = np.linspace(0, seconds, round(RATE * seconds))
     phase, rate = t[:, None] * (0.7 + 0.13 * np.arange(7)) + np.arange(7), 0.7 + 0.13 * np.arange(7)
@@ -106,12 +106,12 @@ def _motion(seconds: float) -> Signals:
 
 @lru_cache
 def _nominal(seconds: float) -> Array:
-    """(T, 6) the reading without any effect."""
+    """(T, 6) reading without any effect."""
     return jax.jit(compose.tool_wrenches)(_motion(seconds))
 
 
 def _starts(effect: Effect, neutral: EffectValues, signals: Signals, seconds: float) -> list[EffectValues]:
-    """Values of the parameters that need a search, at all its starts in a log of such a motion."""
+    """Values of the parameters that need a search, at all its starts for a log of this motion."""
     extent = Extent(seconds, apart(np.asarray(signals.path.position)))
     stated = {name: np.asarray(value) for name, value in neutral.items()}
     return [
@@ -168,8 +168,7 @@ def _wrong_type(effect: Effect, signals: Signals, wrench: Array) -> str:
 
 
 def _of_slopes(effect: Effect, signals: Signals, starts: list[EffectValues]) -> list[str]:
-    """What a fit needs: derivatives that are numbers, tell of every parameter at some start, and agree with
-    differences."""
+    """Faults of the derivatives: they must be finite, agree with differences, and show each parameter at some start."""
     model = signals.model
     neutral = {name: np.asarray(value) for name, value in neutral_values(effect, model).items()}
     reading: Callable[[Any], Array] = jax.jit(lambda z: _predict(effect, signals, values_at(effect, model, z)))
@@ -202,7 +201,7 @@ def _of_slopes(effect: Effect, signals: Signals, starts: list[EffectValues]) -> 
 
 
 def _inside(effect: Effect, parameter: Parameter, z: np.ndarray) -> np.ndarray:
-    """Coordinates (k,) of a start, not quite at its bounds: rounded beyond one, they would have no derivative there."""
+    """Coordinates (k,) of a start, slightly inside its bounds, because values rounded beyond have no derivative."""
     least, most = bounds_of(scale_of(effect, parameter))
     return np.clip(z, least + 2 * STEP, most - 2 * STEP)
 

@@ -1,4 +1,4 @@
-"""The diagnosis of one log: examine samples, search causes, judge on held-out blocks, say what is and is not known."""
+"""Diagnosis of logs: examine samples, search causes, judge them on held-out blocks, and report what is certain."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -48,7 +48,7 @@ from ftbias_jax.setup import GivenSetup, Setup, as_setup
 
 @contextmanager
 def _typed_errors() -> Iterator[None]:
-    """A LogError where equations have no solution."""
+    """Raise a LogError where a linear system has no solution."""
     try:
         yield
     except np.linalg.LinAlgError as error:
@@ -68,20 +68,20 @@ def diagnose(
     unchecked: bool = False,
     progress: Callable[[str], None] = silent,
 ) -> Diagnosis:
-    """Diagnose one log, or several of one robot together: an effect then has the same parameters in all of them.
+    """Diagnose one log, or several logs of one robot together: an effect then has the same parameters in all of them.
 
-    Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's cache folder
-    (``FTBIAS_CACHE=off`` does not).
+    Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's cache folder (disabled by
+    ``FTBIAS_CACHE=off``).
 
     Args:
-        setup: what the robot's owner believes, or its path.
-        logs: of free motion with the same robot, sensor and tool, or their paths; best as recorded
+        setup: nominal setup of the robot's owner, or its path.
+        logs: logs of free motion with the same robot, sensor and tool, or their paths; best as recorded
             (``read_log(..., raw=True)``, as a path is read), because clipped samples are evidence. Samples of axes that
-            stand still are left out here, and told in ``repairs``.
-        names: of the logs, one each, for the report; () = "log 1", "log 2", ..., or the names of their files.
-        without: effects that may not be named, to see what the answer would be without them.
-        effects: of your own, looked for beside those of the catalogue.
-        unchecked: do not look first whether the setup can be right (``check_setup``).
+            stand still are left out here and reported in ``repairs``.
+        names: names of the logs, one each, for the report; () = "log 1", "log 2", ..., or the names of their files.
+        without: effects that may not be named, to see the answer without them.
+        effects: user-defined effects, searched in addition to those of the catalogue.
+        unchecked: skip the check whether the setup can be right (``check_setup``).
         progress: called with the name of each stage as it begins.
 
     Raises:
@@ -100,10 +100,10 @@ def explain(
     unchecked: bool = False,
     progress: Callable[[str], None] = silent,
 ) -> tuple[Diagnosis, Answer]:
-    """The diagnosis, and the fits that it tells of; arguments as of ``diagnose``, which has read the logs.
+    """Diagnosis together with the fits behind it; arguments as in ``diagnose``, which has read the logs.
 
     Raises:
-        UsageError and others: as of ``diagnose``.
+        UsageError and others: as in ``diagnose``.
     """
     names = names or names_of(logs)
     if len(names) != len(logs):
@@ -112,7 +112,7 @@ def explain(
     check_names({*without} - {TERM}, "without", catalogue_of_setup(setup))
     progress("checking the setup")
     facts = [survey(slices(log)) for log in logs]
-    as_filtered = map(clean, logs, facts)  # one at a time, each no longer than it is looked at
+    as_filtered = map(clean, logs, facts)  # one at a time, each kept no longer than it is used
     with_tool, logs = ready(setup, logs, facts)
     with compiled_ahead(with_tool, logs):
         require_right(setup, as_filtered, "diagnose", unchecked)
@@ -152,7 +152,7 @@ def explain(
     progress("writing the report")
     answer, verdict, causes = _judged(answer, loud)
     problem, base = answer.problem, answer.base
-    if pushed := pushed and verdict not in ("explained", "described"):  # a push follows nothing
+    if pushed := pushed and verdict not in ("explained", "described"):  # a push follows no recorded quantity
         answer, verdict, causes = _without_causes(answer)._replace(terms=()), "unknown", ()
     of_tool, of_reading = stderr_beside(setup, problem, answer.accepted)
     causes = tuple(no_surer(problem, cause, answer.accepted, of_tool) for cause in causes)
@@ -187,7 +187,7 @@ def explain(
 
 
 def ready(setup: Setup, logs: Sequence[Log], facts: Sequence[Facts]) -> tuple[Setup, list[Log]]:
-    """Logs without what no fit can use, of which is known what a survey finds, and the setup with the tool's weight."""
+    """Logs without samples that no fit can use, by the facts of a survey, and the setup with the tool's weight."""
     pairs = zip(logs, facts, strict=True)
     logs = [without_long_pauses(clean(log, known, clipped=False, held=("q", "dq"))) for log, known in pairs]
     with_tool, of_tool = weight_in_bias(setup, slices(*logs))
@@ -197,7 +197,7 @@ def ready(setup: Setup, logs: Sequence[Log], facts: Sequence[Facts]) -> tuple[Se
 def _examined(
     problem: Problem, logs: Sequence[Log], samples: Sequence[SampleFindings], without: Collection[str]
 ) -> tuple[Problem, Fit, tuple[Finding, ...], tuple[FoundTerm, ...]]:
-    """The problem, with noise that follows something if it does; the nominal model; findings; that term of noise."""
+    """Problem, with the variance of a noise term if there is one; nominal model; findings; that noise term."""
     found = tuple(finding for finding in together(samples, problem.catalogue) if finding.effect not in without)
     base = fits.base(problem)
     if TERM in without:
@@ -207,14 +207,14 @@ def _examined(
     if term is None:
         return problem, base, found, ()
     problem = louder(problem, term, state)
-    # What grows is no constant, and no growth of the catalogue.
+    # Growing noise has no constant size, and replaces the growth that the catalogue would name.
     return problem, fits.base(problem), tuple(one for one in found if one.sign not in (LEVEL, GROWTH)), (term,)
 
 
 def _settled(problem: Problem, found: Fit) -> Problem:
-    """The problem without the time in which what was found did not act as it is modelled, if there is anything else.
+    """Problem without the time in which the found effects had not settled, if anything else is left to explain.
 
-    What was left of a lag, or of a swing, when the log began would otherwise be a cause of its own.
+    The transient of a lag or of an oscillation at the beginning of a log would otherwise be a cause of its own.
     """
     if len(found.hypotheses) < 2 and gap_of(problem, found) <= enough(problem, found):
         return problem
@@ -223,7 +223,7 @@ def _settled(problem: Problem, found: Fit) -> Problem:
 
 
 def _with_terms(answer: Answer, lines: Sequence[float]) -> Answer:
-    """The answer with terms, where they describe what the catalogue does not explain; lines: Hz, in the samples."""
+    """Answer with terms that describe what the catalogue does not explain; lines: Hz, spectral lines of the samples."""
     problem, hold_out, accepted, found = answer.problem, answer.hold_out, answer.accepted, len(answer.found)
     causes = len(accepted.hypotheses) + found
     verdict = verdict_of(problem, answer.gap, causes, found, is_sure(problem, accepted))
@@ -240,11 +240,11 @@ def _with_terms(answer: Answer, lines: Sequence[float]) -> Answer:
 def _with_wander(
     setup: Setup, answer: Answer, searched: Searched, without: Collection[str], progress: Callable[[str], None]
 ) -> tuple[Answer, tuple[FoundTerm, ...]]:
-    """The answer with a bias that wanders, and its term, where that says more than terms beside what was searched."""
+    """Answer with a wandering bias and its term, if that gains more than the terms found beside the searched causes."""
     problem, seconds = answer.problem, max(answer.problem.duration, 1e-9)
     beside, causes = searched.accepted, searched.accepted.hypotheses
     steady = tuple(h for h in causes if not problem.catalogue[h.effect].goes_by_clock)
-    if steady != causes:  # the others are slow themselves: they come after it
+    if steady != causes:  # the others are slow themselves and are searched after it
         beside = fits.fit(problem, steady, answer.base) if steady else answer.base
     wander, by_causes = wander_of(problem, beside), answer.hold_out(beside, answer.base.error)
     if wander is None or wander.nats / seconds < AS_WELL * (answer.after.nats - by_causes.nats):
@@ -263,7 +263,7 @@ def _with_wander(
 
 
 def _judged(answer: Answer, loud: tuple[FoundTerm, ...]) -> tuple[Answer, str, tuple[Candidate, ...]]:
-    """The answer without what does not hold on unseen blocks, the verdict, and the causes that it names."""
+    """Answer without what fails on held-out blocks, the verdict, and the causes that it names."""
     problem, found = answer.problem, answer.found
     causes = causes_of(answer)
     of_samples = tuple(cause for cause in causes if cause.effect in {finding.effect for finding in found})
@@ -277,13 +277,13 @@ def _judged(answer: Answer, loud: tuple[FoundTerm, ...]) -> tuple[Answer, str, t
 
 
 def _without_causes(answer: Answer) -> Answer:
-    """The answer with the gap as it is: nothing of it is explained."""
+    """Answer with the nominal model, so that none of the gap is explained."""
     gap = measure_gap(answer.problem, answer.before, answer.before)
     return answer._replace(accepted=answer.base, after=answer.before, gap=gap)
 
 
 def _not_tested(setup: Setup, problem: Problem, without: Collection[str]) -> tuple[tuple[str, str], ...]:
-    """(effect, why) of those that the logs are not asked about."""
+    """(effect, reason) for each effect that is not tested on the logs."""
     reasons = [(name, "left out on request") for name in without]
     reasons += [(name, "the setup has it already") for name in with_noise_as_known(setup).effects]
     reasons += [(name, reason) for name, reason in not_shown(setup).items() if name not in without]

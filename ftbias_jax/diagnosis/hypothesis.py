@@ -1,4 +1,4 @@
-"""What an effect could be on a log: one starting point of its fit, or series that are linear in their coefficients."""
+"""Hypotheses about a log: one starting point of an effect's fit, or series that are linear in their coefficients."""
 
 from collections.abc import Collection
 from typing import NamedTuple, TypeAlias, TypeVar
@@ -16,26 +16,26 @@ S = TypeVar("S")
 
 
 class Slow(NamedTuple):
-    """A series with a time constant."""
+    """Series with a time constant."""
 
     time_constant: float
     """s."""
     log: int | None
-    """Number of the log that it is in; None = in all."""
+    """Number of the log that contains it; None = all logs."""
 
 
 class Change(NamedTuple):
-    """A series that begins at some time of one log."""
+    """Series that begins at some time in one log."""
 
     time: float
     """s since the start of the log."""
     log: int
     ramp: float
-    """s that it takes."""
+    """s; duration of the change."""
 
 
 class Event(NamedTuple):
-    """When something happens in one log."""
+    """Interval of an event in one log."""
 
     log: int
     start: float
@@ -44,39 +44,39 @@ class Event(NamedTuple):
 
 
 class Shaped(NamedTuple):
-    """An event of any shape: so many series, from its start to its end."""
+    """Event of any shape, made up of a number of series from its start to its end."""
 
     event: Event
     series: int
 
 
 Detail: TypeAlias = int | Slow | Change | tuple[Shaped, ...] | None
-"""The number of the joint, from 1, that an offset is of, or what series stand for."""
+"""Number of the joint, from 1, that an offset belongs to, or what the series represent."""
 
 
 class Hypothesis(NamedTuple):
-    """One effect at one starting point. E = series that are linear in coefficients."""
+    """One effect at one starting point. E = series that are linear in their coefficients."""
 
     effect: str
     free: tuple[int, ...] = ()
-    """Coordinates of ``Problem.layout`` that are fitted."""
+    """Indices in ``Problem.layout`` of the coordinates that are fitted."""
     start: tuple[float, ...] = ()
-    """Their values."""
+    """Starting values of the free coordinates."""
     fixed: tuple[tuple[int, float], ...] = ()
-    """Further coordinates and the values that they keep."""
+    """Further coordinates with the values at which they are held."""
     shapes: tuple[np.ndarray, ...] = ()
     """(U,) series, each with a coefficient for every channel: changes of the reading."""
     detail: Detail = None
-    """What an offset is of, or what the series stand for."""
+    """Joint of an offset, or what the series represent."""
     local: bool = False
     """Whether it acts for a short time only."""
     prior_std: float = PRIOR_STD
-    """Typical departures: of the coordinates a priori."""
+    """Typical departures; prior standard deviation of the coordinates."""
     group: int = 0
-    """Of the starting points of one effect, the best one of every group is fitted."""
+    """Group of this starting point; the best one of every group of an effect is fitted."""
 
     def begin(self, z: np.ndarray) -> np.ndarray:
-        """Coordinates (P,) with those of this hypothesis where it starts."""
+        """Coordinates (P,) with those of this hypothesis set to its start."""
         z = z.copy()
         z[list(self.free)] = self.start
         for place, value in self.fixed:
@@ -85,44 +85,44 @@ class Hypothesis(NamedTuple):
 
 
 Found: TypeAlias = tuple[float, Hypothesis]
-"""Gain in nats on top of what is accepted, not penalised, and the hypothesis."""
+"""Gain in nats over the accepted fit, before the penalty, and the hypothesis."""
 
 
 def searched_by(problem: Problem, taken: Collection[str], *searches: type) -> list[Effect]:
-    """Effects of the catalogue that pick one of these searches, but for those that are taken."""
+    """Effects of the catalogue with one of these searches, except those already taken."""
     return [effect for effect in problem.catalogue.searched_by(*searches) if effect.name not in taken]
 
 
 def search_of(effect: Effect, search: type[S]) -> S:
-    """The search that an effect picks, known to be of that kind."""
+    """Search of an effect, asserted to be of that kind."""
     assert isinstance(effect.fit.search, search)
     return effect.fit.search
 
 
 def moments(problem: Problem, effect: Effect) -> tuple[str, ...]:
-    """Parameters of an effect without a search of its own that are moments of the longest log."""
+    """Parameters that are times within the longest log, of an effect without a search of its own."""
     if not isinstance(effect.fit.search, Starts):
         return ()
     return tuple(p.name for p in effect.parameters if is_moment(p, max(problem.durations)))
 
 
 def is_sudden(problem: Problem, effect: Effect) -> bool:
-    """Whether an effect begins, or lasts, at some time: it may gain in few blocks of a log."""
+    """Whether an effect begins, or lasts, at some time: its gain may come from few blocks of a log."""
     return isinstance(effect.fit.search, SUDDEN) or bool(moments(problem, effect))
 
 
 def penalty(h: Hypothesis) -> float:
-    """nats that a hypothesis must gain to be worth its free numbers."""
+    """nats that a hypothesis must gain to be worth its free parameters."""
     return NATS_PER_DEGREE * (len(h.free) + 6 * len(h.shapes))
 
 
 def at_zero(effect: str, free: np.ndarray | list[int]) -> Hypothesis:
-    """An effect that starts at neutral, with these coordinates free."""
+    """Hypothesis of an effect that starts at neutral, with these coordinates free."""
     return Hypothesis(effect, tuple(int(i) for i in free), (0.0,) * len(free))
 
 
 def movable(problem: Problem, effect: Effect) -> list[int]:
-    """Coordinates of an effect that are fitted: not those of numbers that its entry gives no scale."""
+    """Coordinates of an effect that are fitted: those of parameters to which its entry gives a scale."""
     places = problem.layout.slices
     found: list[int] = []
     for parameter in effect.parameters:
@@ -133,7 +133,7 @@ def movable(problem: Problem, effect: Effect) -> list[int]:
 
 
 def places_of(problem: Problem, effect: Effect, **values: np.ndarray | float) -> dict[int, float]:
-    """Coordinates of an effect's parameters at these values: place -> coordinate."""
+    """Coordinates of an effect's parameters at the given values: index -> coordinate."""
     places = problem.layout.slices
     found: dict[int, float] = {}
     for name, value in values.items():
@@ -144,14 +144,14 @@ def places_of(problem: Problem, effect: Effect, **values: np.ndarray | float) ->
 
 
 def neutral_of(problem: Problem, effect: Effect, name: str) -> np.ndarray:
-    """Neutral value of a parameter, in its shape, of one event. The model is given as numpy: nothing is compiled."""
+    """Neutral value of a parameter, in its shape, for one event. The model is passed as NumPy to compile nothing."""
     parameter, neutral = effect.parameter(name), effect.parameter(name).neutral
     value = neutral(jax.tree.map(np.asarray, problem.parts[0].signals.model)) if callable(neutral) else neutral
     return np.broadcast_to(np.asarray(value, float), np.abs(parameter.shape).astype(int))
 
 
 def at_values(problem: Problem, effect: Effect, **values: np.ndarray | float) -> Hypothesis:
-    """An effect that starts at these values of its parameters, which are free where its entry gives them a scale."""
+    """Hypothesis of an effect that starts at these parameter values, free where the entry gives them a scale."""
     places, able = places_of(problem, effect, **values), movable(problem, effect)
     start = {place: value for place, value in places.items() if place in able}
     held = tuple((place, value) for place, value in places.items() if place not in able)

@@ -1,8 +1,8 @@
-"""Logs of one robot over time: causes that no single log shows, the day on which each began, and how it goes on.
+"""Pooled diagnosis of one robot's logs over time: causes that no single log shows, when each began, and how it grew.
 
-The latest logs are diagnosed together, with parameters that they share. Then each cause is measured in every log, as a
-share of what it is in the latest ones, and the shares tell when it began, whether at once or growing, and how much they
-vary from log to log beside their errors.
+The latest logs are diagnosed together, with shared parameters. Each cause is then measured in every log as a share of
+its size in the latest ones. The shares show when it began, whether suddenly or gradually, and how much it varies from
+log to log in addition to the standard errors.
 """
 
 from collections.abc import Callable, Collection, Iterable, Sequence
@@ -27,7 +27,7 @@ from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup import GivenSetup, as_setup
 
 SCATTERS = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.33, 0.5])
-"""Standard deviations of a share from log to log that are tried."""
+"""Candidate standard deviations of a share from log to log."""
 
 
 @in_float64
@@ -40,19 +40,19 @@ def diagnose_pooled(
     unchecked: bool = False,
     progress: Callable[[str], None] = silent,
 ) -> Diagnosis:
-    """Diagnose logs of one robot over time together: the latest ones, and the causes found there in all of them.
+    """Diagnose logs of one robot over time: causes are found in the latest logs together and measured in all of them.
 
     Args:
-        setup: as of ``diagnose``.
-        logs: (N,) of free motion with the same robot, sensor and tool, as for ``diagnose``.
+        setup: as in ``diagnose``.
+        logs: (N,) logs of free motion with the same robot, sensor and tool, as for ``diagnose``.
         dates: (N,) s since 1970; () = as stamped.
-        names: as of ``diagnose``.
+        names: as in ``diagnose``.
         without: effects that may not be named.
-        unchecked: do not look first whether the setup can be right.
+        unchecked: skip the check whether the setup can be right.
         progress: called with the name of each stage as it begins.
 
     Raises:
-        UsageError: too few logs. Others as of ``diagnose``.
+        UsageError: too few logs. Others as in ``diagnose``.
     """
     setup = as_setup(setup)
     read = as_logs(logs, setup, raw=True)
@@ -63,10 +63,10 @@ def diagnose_pooled(
     order = np.argsort(stamped, kind="stable")
     names = names or names_of(read)
     read, names, stamped = [read[i] for i in order], [names[i] for i in order], stamped[order]
-    # What happens in a moment of one log is no cause that logs share, but takes up what varies between them.
+    # An event in one log is no cause that logs share, but would absorb what varies between them.
     moments = {effect.name for effect in catalogue_of_setup(setup).searched_by(*SUDDEN)}
     left_out = {*without, *moments, TERM}
-    # What began a few logs ago may not show among many that are without it.
+    # A cause that began a few logs ago may go unnoticed among many logs without it.
     for count in (int(np.clip(POOLED_SHARE * len(read), FEWEST_POOLED, MOST_POOLED)), FEWEST_POOLED):
         diagnosis, answer = diagnose.explain(setup, read[-count:], names[-count:], left_out, unchecked, progress)
         told = [h.effect for h in answer.accepted.hypotheses if not h.shapes]
@@ -83,9 +83,9 @@ def diagnose_pooled(
 
 
 def shares(problem: Problem, accepted: Fit) -> tuple[np.ndarray, np.ndarray]:
-    """(N, H) how much of each cause that a fit to other logs found there is in every log, and its standard error.
+    """(N, H) share of each cause of a fit to other logs that is present in every log, and its standard error.
 
-    To first order around the fit: the innovations are e + sum_h a_h c_h, where c_h is what cause h does of them.
+    To first order around the fit: the innovations are e + sum_h a_h c_h, where c_h is the contribution of cause h.
     """
     causes = [h for h in accepted.hypotheses if not h.shapes]
     z = np.repeat(accepted.z[None], len(causes) + 1, 0)
@@ -101,11 +101,10 @@ def shares(problem: Problem, accepted: Fit) -> tuple[np.ndarray, np.ndarray]:
 
 
 def share_in(columns: np.ndarray, error: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(H,) coefficients of columns (H, U, 6), in standard deviations, that bring innovations (U, 6) nearest to zero.
+    """Coefficients (H,) of columns (H, U, 6) that minimise innovations (U, 6), in standard deviations, and stderrs
+    (H,).
 
-    With (H,) their standard errors, and (U,) the numbers of blocks.
-
-    These are widened where the scores of whole blocks scatter more than white noise would.
+    Standard errors are widened where scores of whole blocks (numbers (U,)) scatter more than white noise would.
     """
     flat = columns.reshape(len(columns), -1)
     normal = flat @ flat.T + 1e-12 * np.trace(flat @ flat.T) * np.eye(len(flat)) + 1e-300 * np.eye(len(flat))
@@ -118,11 +117,11 @@ def share_in(columns: np.ndarray, error: np.ndarray, block: np.ndarray) -> tuple
 
 
 def course_of(dates: np.ndarray, effect: str, share: np.ndarray, stderr: np.ndarray) -> Course:
-    """When a cause began, of its shares (N,) and their errors in logs of these dates (N,), in order.
+    """Time course of a cause, by its shares (N,) and their standard errors in logs of these dates (N,), in order.
 
-    Before the first log that has it the share is constant, and from then on constant or growing by a straight line;
-    it varies from log to log in proportion to what is there. The likeliest course must beat a constant one by what a
-    cause must gain.
+    Before the first log with the cause the share is constant, and from then on constant or growing linearly. It varies
+    from log to log in proportion to what is present. The likeliest course must gain as much over a constant one as a
+    cause must.
     """
     days = (dates - dates[0]) / 86400
     constant, level, scatter = _likeliest(np.ones((len(days), 1)), share, stderr, np.ones(len(days)))
@@ -142,7 +141,7 @@ def course_of(dates: np.ndarray, effect: str, share: np.ndarray, stderr: np.ndar
 
 
 def _ramp(days: np.ndarray, first: int) -> np.ndarray:
-    """(N,) 0 up to the log before the first, and 1 at the last one."""
+    """(N,) ramp from 0, up to the log before the first, to 1 at the last one."""
     begin = days[first - 1]
     return np.clip((days - begin) / max(days[-1] - begin, 1e-9), 0.0, None)
 
@@ -150,7 +149,7 @@ def _ramp(days: np.ndarray, first: int) -> np.ndarray:
 def _likeliest(
     columns: np.ndarray, share: np.ndarray, stderr: np.ndarray, present: np.ndarray
 ) -> tuple[float, np.ndarray, float]:
-    """nats, coefficients (K,) of columns (N, K), and scatter from log to log in proportion to what is present (N,)."""
+    """nats, coefficients (K,) of columns (N, K), and scatter between logs in proportion to what is present (N,)."""
     variance = stderr**2 + (SCATTERS[:, None] * present) ** 2  # (S, N)
     weight = 1 / variance
     normal = np.einsum("sn,nk,nl->skl", weight, columns, columns)

@@ -1,4 +1,4 @@
-"""Logs made ready for the diagnosis: smoothed joints, cleaned wrench, averaged to bins, and the noise of each bin."""
+"""Logs prepared for the diagnosis: smoothed joints, cleaned wrench, averaged to bins, and the noise of each bin."""
 
 from collections.abc import Sequence
 from typing import NamedTuple, Self
@@ -35,33 +35,33 @@ from ftbias_jax.model.params import Params, unknown_acceleration, with_noise_as_
 from ftbias_jax.setup.types import Setup
 
 NEGLIGIBLE, POINT = 1e-6, (1.0, 0.0, 0.0, 0.05, 0.0025, 0.0, 0.0, 0.0025, 0.0, 0.0)
-"""kg, and inertial parameters of one kilogram, 5 cm in front of the sensor."""
+"""kg of a negligible tool, and inertial parameters of one kilogram, 5 cm in front of the sensor."""
 
 
 class Part(NamedTuple):
     """One log in bins, padded to B of them; a padded bin has no measurement."""
 
     signals: Signals
-    """Motion at the bins, and what the setup says about robot and tool."""
+    """Motion at the bins, and what the setup states about robot and tool."""
     wrench: WrenchProblem
-    """The bias filter on the bins: mean readings without the stated bias (B, 6), NaN = none, and their noise."""
+    """Input of the bias filter: mean readings of the bins minus the stated bias (B, 6), NaN = none, and their noise."""
     used: int
-    """Bins before the padding."""
+    """Number of bins before the padding."""
     nominal: ArmMotion
-    """How the arm moves if the joints are where the setup believes, with the padding."""
+    """Motion of the arm at the nominal joint positions, with the padding."""
     whiten: Whitener
-    """The innovations of that filter."""
+    """Whitening by the innovations of that filter."""
     touched: Touched = Touched()
-    """As a filter finds it."""
+    """Contacts as a filter detects them."""
     coherent: np.ndarray = np.zeros((0, 6))
-    """(U, 6) N^2, Nm^2: what averaging over a bin does not reduce of the noise, most of it the error of the joints."""
+    """(U, 6) N^2, Nm^2: noise variance that averaging over a bin does not reduce, mostly the joints' error."""
     unseen: np.ndarray = np.zeros(6)
-    """(6,) N, Nm: standard deviation of the tool's wrench by accelerations that nobody recorded."""
+    """(6,) N, Nm: standard deviation of the tool's wrench due to unrecorded accelerations."""
     remarks: Repairs = ()
-    """What the log's owner should know."""
+    """Remarks for the log's owner."""
 
     def with_wrench(self, **changed: np.ndarray) -> Self:
-        """The same log with other fields of ``wrench``, and the filter that goes with them."""
+        """Copy with other fields of ``wrench``, and the whitening filter that belongs to them."""
         wrench = self.wrench._replace(**jax.device_put(changed))
         return self._replace(wrench=wrench, whiten=make_whitener(wrench, self.used))
 
@@ -71,13 +71,13 @@ class Part(NamedTuple):
         return bool(np.abs(speeds_of(self.signals.model.arm, np.asarray(self.signals.dq)[0])).max() > STILL)
 
     def silent_before(self, seconds: float) -> Self:
-        """The same log without the readings of its first seconds."""
+        """Copy without the readings of its first seconds."""
         reading = np.where(np.asarray(self.signals.t)[:, None] < seconds, np.nan, self.wrench.wrench)
         return self.with_wrench(wrench=reading)
 
 
 class Problem(NamedTuple):
-    """One log, or several of one robot end to end. U = bins of all logs, without padding."""
+    """One log, or several logs of one robot concatenated. U = bins of all logs, without padding."""
 
     parts: tuple[Part, ...]
     t: np.ndarray
@@ -85,27 +85,27 @@ class Problem(NamedTuple):
     log: np.ndarray
     """(U,) number of the bin's log."""
     samples: np.ndarray
-    """(U, 6) how many in each bin."""
+    """(U, 6) number of samples in each bin."""
     variance: np.ndarray
-    """(U, 6) N^2, Nm^2: noise of the bins' means, with that of the joints."""
+    """(U, 6) N^2, Nm^2: noise variance of the bins' means, including the joints' error."""
     temperature: np.ndarray
     """(U,) deg C."""
     durations: tuple[float, ...]
-    """s, of each log."""
+    """s, duration of each log."""
     noise_std: np.ndarray
-    """(6,) N, Nm, of one sample at rest, as measured."""
+    """(6,) N, Nm, measured noise of one sample at rest."""
     known: Values
-    """Effects that the setup knows of."""
+    """Effects that the setup states."""
     catalogue: Catalogue = CATALOGUE
-    """The effects that are looked for."""
+    """Effects that are searched."""
     recorded: frozenset[str] = frozenset()
-    """What the logs have beside joints and wrench, of what effects may need."""
+    """What the logs contain besides joints and wrench, for effects that need it."""
     noise_stderr: np.ndarray = np.zeros(6)
-    """(6,) N, Nm, of ``noise_std``."""
+    """(6,) N, Nm, standard error of ``noise_std``."""
 
     @property
     def duration(self) -> float:
-        """s, of all logs together."""
+        """s, total duration of all logs."""
         return sum(self.durations)
 
     @property
@@ -115,23 +115,23 @@ class Problem(NamedTuple):
 
     @property
     def layout(self) -> Layout:
-        """Where the coordinates of effects are."""
+        """Layout of the coordinates of all effects."""
         return layout(self.joints, self.catalogue)
 
     def block(self, seconds: float) -> np.ndarray:
-        """(U,) numbers 0, 1, ... of pieces of so many seconds; none reaches over two logs."""
+        """(U,) block numbers 0, 1, ... of blocks of this many seconds; no block spans two logs."""
         piece = self.t // seconds
         begins = (np.diff(self.log) != 0) | (np.diff(piece) != 0)
         return np.concatenate([[0], np.cumsum(begins)])
 
     def without(self, bins: np.ndarray) -> Self:
-        """The same without the samples of some bins (U,) bool."""
+        """Copy without the samples of some bins (U,) bool."""
         return self._replace(samples=np.where(bins[:, None], 0, self.samples))
 
     def settled(self, effects: Values) -> Self:
-        """The same without what was read while effects still remembered how they began, in logs that begin in motion.
+        """Copy without the readings before effects have settled, in logs that begin in motion.
 
-        Before the log they may have done anything; a model of them does as if the arm had rested.
+        What effects did before the log is unknown; a model of them starts as if the arm had been at rest.
         """
         waits = [waiting(effects, duration, self.catalogue) for duration in self.durations]
         pairs = zip(waits, self.parts, strict=True)
@@ -143,11 +143,11 @@ class Problem(NamedTuple):
         return self.without(self.t < np.array(waits)[self.log])._replace(parts=parts)
 
     def wandering(self, density: np.ndarray) -> Self:
-        """The same with a bias whose drift has this density, (6,) N/s^1.5, Nm/s^1.5."""
+        """Copy with another noise density of the bias drift, (6,) N/s^1.5, Nm/s^1.5."""
         return self._replace(parts=tuple(part.with_wrench(density=density) for part in self.parts))
 
     def louder(self, added: np.ndarray) -> Self:
-        """The same with more variance (U, 6) N^2, Nm^2 of the bins' means."""
+        """Copy with additional variance (U, 6) N^2, Nm^2 of the bins' means."""
         pieces = np.split(added, np.cumsum([part.used for part in self.parts])[:-1])
         parts = [
             part.with_wrench(variance=np.asarray(part.wrench.variance) + fill_up(own, len(part.signals.t), 0.0))
@@ -157,9 +157,9 @@ class Problem(NamedTuple):
 
 
 def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[SampleFindings, ...]]:
-    """Smooth the joints, examine the samples, and average what is left over short bins.
+    """Smooth the joints, examine the samples, and average the cleaned log over short bins.
 
-    Returns the problem of the effects that change the mean reading, and what was read off each log's single samples.
+    Returns the problem for effects on the mean reading, and what the individual samples of each log show.
     """
     setup = with_noise_as_known(setup)
     prepared = [_prepare(setup, log) for log in logs]
@@ -190,17 +190,17 @@ def make_problem(setup: Setup, logs: Sequence[Log]) -> tuple[Problem, tuple[Samp
 
 
 def _recorded_in(logs: Sequence[Log]) -> frozenset[str]:
-    """What effects may need beside joints and wrench: "temperature" if a log has it, and columns that all have."""
+    """Signals besides joints and wrench: "temperature" if any log has it, and the columns that all logs have."""
     warm = {"temperature"} if any(np.isfinite(log.temperature).any() for log in logs) else set()
     return frozenset(warm).union(set(logs[0].columns).intersection(*(log.columns for log in logs)))
 
 
 def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFindings]:
-    """One log: bins, samples in each (B, 6), effects the setup knows of, and what the samples show."""
+    """One log: bins, samples in each (B, 6), effects that the setup states, and what the samples show."""
     options, samples, length = Options(joint_model=setup.joints.model), padded_samples(log), len(log.t)
     params = params_for_log.likeliest_params(setup, samples, options)
     known = params.bias.in_motion
-    joints, reading, variance = (x[:length] for x in smoothed(params, samples, options))  # noise of samples comes below
+    joints, reading, variance = (x[:length] for x in smoothed(params, samples, options))  # sample noise is added below
     rate, speed = np.gradient(reading, log.t, axis=0), speeds_of(params.arm, joints[:, :, 1])
     contacts = contacts_in(log, reading, speed, variance, setup.sensor.compensated == "none")
     touched = in_contact(log.t, list(contacts.contacts), MARGIN)
@@ -210,7 +210,7 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
         scatter = scatter_at_rest(log, error, speed, variance, setup.sensor.noise_std)
         words = f"{found.level.doubt} of what scatters at rest, by {by_axis(scatter)} of noise_std (ftbias filter)"
         found = found._replace(level=found.level._replace(doubt=words))
-    joint_variance = np.maximum(variance - setup.sensor.noise_std**2, 0.0)  # with that of unseen accelerations
+    joint_variance = np.maximum(variance - setup.sensor.noise_std**2, 0.0)  # including unrecorded accelerations
     noise_std, coherent = noise_on_lattice(found, setup.sensor.noise_std)
     found = found._replace(noise_std=noise_std)
     late = float(np.max(found.jitter.parameters["std"])) if found.jitter.detected else 0.0
@@ -222,11 +222,11 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
 
 
 def noise_on_lattice(found: SampleFindings, stated_std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Noise of one sample (6,) N, Nm with that of rounding, and the variance (6,) that averaging does not reduce.
+    """Noise of one sample (6,) N, Nm including quantisation, and the variance (6,) that averaging does not reduce.
 
-    Noise smaller than the lattice's step hardly shows in the readings: there the stated one is taken. The error
-    of rounding then follows the signal; the share of its variance that the noise leaves coherent is that of its first
-    harmonic, exp(-4 pi^2 (noise / step)^2).
+    Noise smaller than the lattice's step is hardly visible in the readings, so the stated noise is used there. The
+    quantisation error then follows the signal; the share of its variance that the noise leaves coherent is that of its
+    first harmonic, exp(-4 pi^2 (noise / step)^2).
     """
     step = np.broadcast_to(np.asarray(found.lattice.parameters.get("step", 0.0), float), (6,))
     coarse = step > stated_std
@@ -244,10 +244,10 @@ def _bin(
     found: SampleFindings,
     catalogue: Catalogue,
 ) -> tuple[Part, np.ndarray]:
-    """Average a log over short bins, work out their noise, take off the stated bias, and pad.
+    """Average a log over short bins, compute their noise, subtract the stated bias, and pad.
 
-    The states are (T, n, 3); of the variances (T, 6) N^2, Nm^2 that of joints is correlated over a bin, and that of
-    samples, of jitter and of noise that grows with the motion, is not. Returns (U, 6) samples in each bin, too.
+    The states are (T, n, 3). Of the variances (T, 6) N^2, Nm^2 that of the joints is correlated within a bin, and that
+    of samples, from jitter and noise that grows with the motion, is not. Also returns (U, 6) samples in each bin.
     """
     wrench, temperature = found.clean_wrench, fill_temperature(log.t, log.temperature)
     rows = np.isfinite(wrench).any(1)
@@ -264,14 +264,14 @@ def _bin(
     bias, place = params.bias, jax.device_put  # unlike jnp.asarray it compiles nothing
     jump = None
     if log.rezeroed_at:
-        # The bin in which it happens has samples of both sides: its own level tells nothing of its neighbours'.
+        # The bin of the re-zeroing has samples from before and after it, so its level is unrelated to its neighbours'.
         rezeroed = log.is_rezeroed(t, 0.0)
         either = np.concatenate([rezeroed | np.append(False, rezeroed[:-1]), np.zeros(padded - used, bool)])
         jump = bias_filter.jumps(params, place(either.astype(float)))
     t, joints, temperature = (fill_up(x, padded, x[-1]) for x in (t, joints, temperature))
     q, dq, ddq = (place(x) for x in np.moveaxis(joints, 2, 0))
     tool = np.asarray(params.theta)
-    # A controller that subtracts the tool leaves none, and effects of a tool need one to act upon.
+    # A controller that subtracts the tool leaves none, but effects of a tool need one to act on.
     theta = params.theta if tool[0] else place((NEGLIGIBLE * np.array(POINT)).astype(tool.dtype))
     stated = Model(params.arm, params.gravity, theta)
     seen = {name: place(fill_up(x, padded, x[-1])) for name, x in columns.items()}

@@ -1,4 +1,4 @@
-"""Which effects explain a log: the best one added while it earns it, pairs tried from several first causes."""
+"""Search for the causes of a log: greedy forward selection, then pairs from several first causes."""
 
 from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
@@ -38,37 +38,37 @@ from ftbias_jax.runtime.jax_config import same_precision
 from ftbias_jax.runtime.progress import silent
 
 Rounds: TypeAlias = list[list[Scored]]
-"""Candidates of each round, the accepted one first; the last round may have added nothing."""
+"""Candidates of each round, the accepted one first; the last round may have added none."""
 
 
 class Threshold(NamedTuple):
-    """What a cause beside those accepted so far must do."""
+    """Requirements on a cause in addition to those accepted so far."""
 
     elsewhere: Problem
-    """The logs without the times of the accepted contacts: these dwarf all else, and their shape is never exact."""
+    """Logs without the times of the accepted contacts, which exceed all else and whose shape is never exact."""
     least: float
     """Mean square gap that it must remove there, in noise variances."""
     least_of_slow: float = LEAST_SIGMAS**2
-    """The same of a slow effect on the bias: beside causes that all follow the motion it is no error of their form."""
+    """The same for a slow effect on the bias: beside causes that all follow the motion it is no error of their form."""
 
 
 class Search(NamedTuple):
-    """A search for the causes of one problem."""
+    """Search for the causes of one problem."""
 
     problem: Problem
     start: Fit
-    """The nominal model, with what is fitted beside all causes."""
+    """Nominal model with the parameters that are fitted together with all causes."""
     hold_out: Judge
-    """Judges a fit on blocks of the logs that it has not seen."""
+    """Evaluates a fit on held-out blocks of the logs."""
     library: Callable[[], Library]
-    """Gives the whitened series that may be proposed."""
+    """Returns the whitened series that may be proposed."""
     without: Collection[str] = ()
     """Effects that may not be named."""
     progress: Callable[[str], None] = silent
     """Called with the name of each stage as it begins."""
 
     def best(self) -> tuple[Fit, Rounds]:
-        """What is found greedily, or, where that is two causes, from another first cause if that pair is better."""
+        """Causes found greedily, or, where these are two, a better pair that begins with another first cause."""
         accepted, rounds = self.grow([])
         count = self._causes(accepted)
         left, settled = gap_of(self.problem, accepted), count <= 2
@@ -82,7 +82,7 @@ class Search(NamedTuple):
         return accepted, rounds
 
     def grow(self, rounds: Rounds, most: int = MOST_CAUSES) -> tuple[Fit, Rounds]:
-        """Add causes greedily to those of earlier rounds, up to so many."""
+        """Add causes greedily to those of earlier rounds, up to this number."""
         accepted, rounds = (rounds[-1][0].fit if rounds else self.start), list(rounds)
         while (count := self._causes(accepted)) < most:
             threshold, excluded = self.threshold(accepted), set(self.without)
@@ -106,7 +106,7 @@ class Search(NamedTuple):
         return len(accepted.hypotheses) - len(self.start.hypotheses)
 
     def threshold(self, accepted: Fit) -> Threshold:
-        """What one more cause must do."""
+        """Requirements on one more cause."""
         touched = _touched(self.problem, accepted)
         elsewhere = self.problem.without(touched)
         least = max(LEAST_SIGMAS**2, least_beside_joints(self.problem))
@@ -120,7 +120,7 @@ class Search(NamedTuple):
         return Threshold(elsewhere, least, LEAST_SIGMAS**2 if all_follow else least)
 
     def has_earned(self, threshold: Threshold, accepted: Fit, trial: Scored) -> bool:
-        """Whether one more cause is possible, gains enough, steadily, and removes enough on blocks it has not seen."""
+        """Whether one more cause is possible, gains enough, consistently, and removes enough on held-out blocks."""
         effect = self.problem.catalogue[trial.hypothesis.effect]
         sudden = is_sudden(self.problem, effect)
         gain, stderr = compared(self.problem, trial.fit.error, accepted.error)
@@ -140,14 +140,13 @@ class Search(NamedTuple):
         return slow and self._removes_itself(threshold, accepted, trial.fit, held.error)
 
     def _is_possible(self, trial: Scored) -> bool:
-        """Whether its parameters can be those of anything that exists."""
         possible = self.problem.catalogue[trial.hypothesis.effect].fit.possible
         return possible is None or possible(*parameters(self.problem, trial.fit, trial.hypothesis))
 
     def _removes_itself(self, threshold: Threshold, accepted: Fit, trial: Fit, unseen: np.ndarray) -> bool:
-        """Whether a slow effect removes all that is left, and not the other causes, whose numbers moved on with it.
+        """Whether a slow effect itself removes all that is left, and not the other causes refitted together with it.
 
-        Where something is left beside it, that may be the form of the other causes, and the effect a part of it.
+        If a gap remains, it may be a form error of the other causes, and the slow effect a part of that.
         """
         alone = fit(self.problem, accepted.hypotheses, trial)
         removed = gap_removed(threshold.elsewhere, alone.error, unseen)
@@ -155,13 +154,13 @@ class Search(NamedTuple):
         return all_gone and removed > threshold.least_of_slow and score(trial, alone) > LEAST_GAIN
 
     def stands_out(self, accepted: Fit, trial: Fit) -> bool:
-        """Whether contacts explain much of what happens in their own time, and not just what the causes left."""
+        """Whether contacts explain much of what happens in their own time, and not just the remainder of the causes."""
         inside = _touched(self.problem, trial)
         first, now, then = ((one.error[inside] ** 2).sum() for one in (self.start, accepted, trial))
         return bool(now - then > LEAST_BESIDE * (first - now))
 
     def without_redundant(self, accepted: Fit) -> Fit | None:
-        """The fit without an earlier cause that the later ones made needless, if there is one."""
+        """Fit without an earlier cause that later ones made redundant; None if there is none."""
         for h in accepted.hypotheses[len(self.start.hypotheses) : -1]:
             rest = fit(self.problem, accepted.beside(h), accepted)
             if score(accepted, rest) < LEAST_GAIN:
@@ -169,14 +168,14 @@ class Search(NamedTuple):
         return None
 
     def rounds_of(self, accepted: Fit, rounds: Rounds) -> Rounds:
-        """Rounds of the causes that stay, the first of each fitted beside those before it that stay, too."""
+        """Rounds of the remaining causes, the first of each fitted together with the remaining ones before it."""
         kept = {h.effect for h in accepted.hypotheses}
         rounds = [scored for scored in rounds if scored[0].hypothesis.effect in kept]
         return with_first_fits(self.problem, rounds, accepted, len(self.start.hypotheses))
 
 
 def with_first_fits(problem: Problem, rounds: Rounds, accepted: Fit, before: int) -> Rounds:
-    """Rounds whose first candidates are the hypotheses of a fit after so many, each fitted with those before it."""
+    """Rounds whose first candidates are the hypotheses of a fit from index ``before`` on, fitted with those before."""
     fits = [fit(problem, accepted.hypotheses[: before + i], accepted) for i in range(1, len(rounds))]
     pairs = zip(rounds, [*fits, accepted], strict=False)
     return [[best._replace(fit=own), *others] for (best, *others), own in pairs]
@@ -189,9 +188,9 @@ def search(
     without: Collection[str] = (),
     progress: Callable[[str], None] = silent,
 ) -> tuple[Fit, Rounds]:
-    """The fit of all accepted effects, and the rounds that found them; arguments as of ``Search``."""
+    """Fit of all accepted effects, and the rounds that found them; arguments as in ``Search``."""
     with ThreadPoolExecutor(1) as worker:
-        library = worker.submit(same_precision(make_library), problem).result  # made while effects without it are tried
+        library = worker.submit(same_precision(make_library), problem).result  # made while other effects are tried
         return Search(problem, start, hold_out, library, without, progress).best()
 
 
@@ -201,15 +200,15 @@ def gap_of(problem: Problem, found: Fit) -> float:
 
 
 def enough(problem: Problem, base: Fit) -> float:
-    """Mean square gap that may be left of that of a fit, in noise variances, where all is explained."""
+    """Mean square gap, in noise variances, that may remain of the gap of a fit when everything is explained."""
     return max(LEAST_SIGMAS**2, LEAST_SHARE_OF_GAP * gap_of(problem, base))
 
 
 def _left_somewhere(problem: Problem, found: Fit) -> float:
-    """As ``gap_of``, but what is left in a few blocks counts although all others have less than expected.
+    """As ``gap_of``, but a gap in a few blocks counts even if all others have less than expected.
 
-    Only what does not follow the motion is looked for then: all else would have to do with the joints' error, which is
-    taken to explain what is left.
+    Then only effects that do not follow the motion are searched: all others could be due to the joints' error, which is
+    assumed to explain what is left.
     """
     return float(np.maximum(excess_over_quiet(problem, found.error), 0).mean())
 
@@ -220,7 +219,7 @@ def _follows_motion(problem: Problem, effect: str) -> bool:
 
 
 def _touched(problem: Problem, found: Fit) -> np.ndarray:
-    """(U,) bins of the contacts of a fit."""
+    """(U,) bins within the contacts of a fit."""
     shapes = [shape for h in found.hypotheses if h.local for shape in h.shapes]
     return np.any([np.zeros(len(problem.t), bool), *(shape != 0 for shape in shapes)], axis=0)
 

@@ -1,4 +1,4 @@
-"""A tool that may be wrong is fitted beside every cause, because its error looks like other causes."""
+"""Search with a tool that may be wrong fitted together with every cause, because its error resembles other causes."""
 
 from collections.abc import Callable, Collection, Mapping
 from typing import NamedTuple
@@ -23,16 +23,16 @@ from ftbias_jax.setup.require import is_draft
 from ftbias_jax.setup.types import Setup
 
 CHANNELS = 3
-"""Of a force or a torque."""
+"""Number of channels of a force or a torque."""
 
 
 class Searched(NamedTuple):
-    """What a search found beside the tool."""
+    """Result of a search together with the tool."""
 
     start: Fit
-    """The nominal model, with those effects of the tool that stay."""
+    """Nominal model with the accepted effects of the tool."""
     accepted: Fit
-    """All that stays, the tool first."""
+    """Fit of all accepted effects, those of the tool first."""
     rounds: Rounds
 
 
@@ -44,12 +44,12 @@ def search_causes(
     without: Collection[str] = (),
     progress: Callable[[str], None] = silent,
 ) -> Searched:
-    """Search for causes; where the tool may be wrong, beside a tool fitted with them; arguments as of ``Search``.
+    """Search for causes, together with a tool fit where the tool may be wrong; arguments as in ``Search``.
 
-    It may be where the setup states it with an error that shows. A tool that is stated without one is believed first:
-    its effects are candidates like all others. But a wrong tool beside something else makes a gap that neither explains
-    alone, and a greedy search does not find the way: where more than one cause was found, or much is left, the
-    tool is tried beside them, too, and taken if that explains all, or as much as they do, by fewer numbers.
+    The tool may be wrong where the setup states it with a noticeable standard error. A tool stated without one is
+    assumed correct at first, and its effects are candidates like all others. A wrong tool with something else makes a
+    gap that neither explains alone and that a greedy search misses: where more than one cause was found, or much is
+    left, the tool is fitted with them too, and taken if that explains all, or as much as they do with fewer parameters.
     """
     excluded = _of_tool(problem).keys() & {*without, *problem.known}
     drafted = is_draft(setup) and not excluded
@@ -65,11 +65,11 @@ def search_causes(
     plain = _with_all_entries(problem, plain)
     left, by_plain = (gap_of(problem, one.accepted) for one in (beside, plain))
     closed = left <= max(least, min(by_plain, LEADS**2) if plain.accepted.hypotheses else 0.0)
-    # Leaks that stand for a tool are larger than those of any sensor, and that counts.
+    # Crosstalk that mimics a wrong tool is larger than that of any sensor, which the evidence accounts for.
     gained = evidence(problem, beside.accepted) - evidence(problem, plain.accepted)
     better = gained > LEAST_GAIN
     if {h.effect for h in plain.accepted.hypotheses} & _like_tool(problem):
-        # What is as good as a tool, by more numbers of its own, comes after it.
+        # A cause that is as good as the tool but has more parameters ranks after it.
         lost, error = compared(problem, plain.accepted.error, beside.accepted.error)
         as_good = lost < max(ALIKE * error, LEAST_GAIN, nats_of_joints(problem))
         better = better or (as_good and (gained > 0 or beside.accepted.degrees < plain.accepted.degrees))
@@ -77,10 +77,10 @@ def search_causes(
 
 
 def _with_all_entries(problem: Problem, found: Searched) -> Searched:
-    """What was found, with the whole of a matrix of which few entries were, where something is left beside these.
+    """Replace few entries of a matrix by the whole matrix where something is left unexplained beside them.
 
-    No other cause has earned its place: then many small leaks are likelier than something that nobody knows. With few
-    of them alone, gains would be better than another tool.
+    No other cause was accepted, so many small crosstalk entries are likelier than an unknown effect. With only a few of
+    them, gains would fit better than another tool.
     """
     before, count = len(found.start.hypotheses), len(found.accepted.hypotheses)
     is_left = gap_of(problem, found.accepted) > LEAST_SIGMAS**2
@@ -93,10 +93,10 @@ def _with_all_entries(problem: Problem, found: Searched) -> Searched:
 
 
 def stderr_beside(setup: Setup, problem: Problem, accepted: Fit) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
-    """Standard errors beside all that was found: of the tool, by keys of [tool], and (6,) N, Nm of the model's reading.
+    """Standard errors with all findings fitted: of the tool, by keys of [tool], and (6,) N, Nm of the model's reading.
 
-    The tool's are {} if it is neither a draft nor among what was found; the others are those of ``stderr_of_reading``,
-    without what the setup states of the tool's. What a draft leaves open is free, worth its numbers or not.
+    Those of the tool are {} if it is neither a draft nor among the findings. Those of the reading are from
+    ``stderr_of_reading``, without what the setup states of the tool's. Parameters that a draft leaves open are free.
     """
     beside = _with_left_open(setup, problem, accepted)
     of_tool = {} if _of_tool(problem).keys() & problem.known else _stderr_of_tool(setup, problem, beside)
@@ -122,7 +122,7 @@ def _stderr_of_tool(setup: Setup, problem: Problem, beside: Fit) -> dict[str, np
 
 
 def no_surer(problem: Problem, cause: Candidate, accepted: Fit, of_tool: Mapping[str, np.ndarray]) -> Candidate:
-    """A cause whose standard errors are no smaller than those of the tool, of which gains contain the open scale."""
+    """Cause with standard errors no smaller than the tool's, including the undetermined scale of gains."""
     if cause.effect not in problem.catalogue or not of_tool:
         return cause
     effect = problem.catalogue[cause.effect]
@@ -134,10 +134,10 @@ def no_surer(problem: Problem, cause: Candidate, accepted: Fit, of_tool: Mapping
 
 
 def _open_scale(problem: Problem, found: Fit) -> float:
-    """Share by which gains and a tool that is fitted beside them may be off together.
+    """Relative error that gains and a tool fitted together may have in common.
 
-    Gains that are all the same scale the tool, and nothing but a known weight tells them from it: where some were found
-    that differ, their mean is as uncertain as they scatter.
+    Only a known weight distinguishes equal gains of all channels from a scaled tool. Where unequal gains were found,
+    their scatter gives the standard error of their mean.
     """
     for h in found.hypotheses:
         if _scales_tool(problem, problem.catalogue[h.effect]):
@@ -147,7 +147,7 @@ def _open_scale(problem: Problem, found: Fit) -> float:
 
 
 def _scales_tool(problem: Problem, effect: Effect) -> bool:
-    """Whether an effect, such as equal gains, may do exactly what one of the tool does, whatever the motion."""
+    """Whether an effect, such as equal gains, can be identical to one of the tool for any motion."""
     return any(twin.exact and twin.effect in _of_tool(problem) for twin in effect.twins)
 
 
@@ -157,21 +157,21 @@ def _of_tool(problem: Problem) -> dict[str, Effect]:
 
 
 def with_tool(problem: Problem, base: Fit) -> Fit:
-    """The nominal model with mass and centre of mass of the tool free."""
+    """Nominal model with mass and centre of mass of the tool free."""
     return _freed(problem, base, _of_tool(problem))
 
 
 def _freed(problem: Problem, found: Fit, names: Collection[str]) -> Fit:
-    """A fit with further effects free, none of which it has."""
+    """Fit with further effects free, none of which it contains."""
     further = [at_zero(name, movable(problem, problem.catalogue[name])) for name in names]
     return fit(problem, (*found.hypotheses, *further), found) if further else found
 
 
 def left_open(setup: Setup, catalogue: Catalogue) -> list[str]:
-    """Effects of what a drafted setup leaves open: the tool's mass, centre of mass and inertia, and the sensor's place.
+    """Effects that a drafted setup leaves open: the tool's mass, centre of mass and inertia, and the sensor's place.
 
-    Mass and centre of mass come first. Beside a cause the last two are small, and do to it what another form of it
-    does: its numbers, and the mass, would be off by many standard errors.
+    Mass and centre of mass come first. The last two are small, but change a cause as another form of it would: if they
+    were ignored, its parameters and the mass would be off by many standard errors.
     """
     if not is_draft(setup):
         return []
@@ -181,12 +181,12 @@ def left_open(setup: Setup, catalogue: Catalogue) -> list[str]:
 
 
 def _still_open(setup: Setup, problem: Problem, settled: Collection[str]) -> list[str]:
-    """Those of them that are not settled, and not known."""
+    """Those of ``left_open`` that are neither settled nor known."""
     return [name for name in left_open(setup, problem.catalogue) if name not in {*settled, *problem.known}]
 
 
 def _like_tool(problem: Problem) -> set[str]:
-    """Effects that are not of the tool, and declare that they look like it."""
+    """Effects that do not belong to the tool and declare it as a twin."""
     of_tool = _of_tool(problem).keys()
     return {name for name, effect in problem.catalogue.items() if of_tool & {x.effect for x in effect.twins}} - of_tool
 
@@ -200,12 +200,12 @@ def _is_simple(problem: Problem, found: Fit, least: float) -> bool:
 
 
 def _stands_for_tool(problem: Problem, found: Searched) -> bool:
-    """Whether one cause has more numbers than mass and centre of mass, neither of which explains all alone."""
+    """Whether mass and centre of mass together are clearly better than the causes found; neither is alone."""
     return bool(found.accepted.hypotheses) and score(with_tool(problem, found.start), found.accepted) > LEAST_GAIN
 
 
 def _departs(problem: Problem, found: Fit, h: Hypothesis) -> bool:
-    """Whether any number of an effect is surely not what the setup states."""
+    """Whether any parameter of an effect certainly differs from the setup."""
     effect, (values, stderr) = problem.catalogue[h.effect], parameters(problem, found, h)
     off = [
         np.abs(value - neutral_of(problem, effect, name)) > SURE * np.asarray(stderr[name])
@@ -217,9 +217,9 @@ def _departs(problem: Problem, found: Fit, h: Hypothesis) -> bool:
 def _beside_tool(
     problem: Problem, base: Fit, hold_out: Judge, without: Collection[str], open_names: Collection[str]
 ) -> Searched:
-    """Causes found with the tool free, and what else is open; of these stays what is worth its numbers beside them.
+    """Causes found with the tool and other open effects free; of these, only those worth their parameters are kept.
 
-    It must also hold in blocks that are left out: what other causes put into the tool does not.
+    They must also hold on held-out blocks, where errors that other causes put into the tool do not.
     """
     free = _freed(problem, base, open_names)
     of_tool = stay = free.hypotheses
@@ -227,14 +227,14 @@ def _beside_tool(
     causes = accepted.hypotheses[len(of_tool) :]
     for h in of_tool:
         rest = fit(problem, accepted.beside(h), accepted)
-        held = hold_out(accepted, hold_out(rest, rest.error).error)  # both have as many numbers to get wrong
+        held = hold_out(accepted, hold_out(rest, rest.error).error)  # the reference is held out, too
         unsure = held.nats < SURE * held.nats_by_noise or not _departs(problem, accepted, h)
         if score(accepted, rest) < LEAST_GAIN or unsure:
             accepted, stay = rest, tuple(other for other in stay if other is not h)
     if stay != of_tool:
         count = len(causes)
         rounds = [*with_first_fits(problem, rounds[:count], accepted, len(stay)), *rounds[count:]]
-    # A round of its own for each effect of the tool, the first of which has the candidates of the causes, too.
+    # Each effect of the tool has a round of its own; the first one also has the candidates of the causes.
     start, of_stay = base, list[list[Scored]]()
     for i in range(len(stay)):
         wider = fit(problem, stay[: i + 1], start)

@@ -1,4 +1,4 @@
-"""Kalman filter for the bias of the sensor and its drift, from the wrench that the known tool must cause."""
+"""Kalman filter for the sensor's bias and drift, given the wrench that the known tool must cause."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ from ftbias_jax.types import Gaussian
 def init(noise: BiasNoise) -> Gaussian:
     """State before the first sample: mean (12,) and covariance (12, 12) of (bias, drift).
 
-    With correlated noise mean (18,) and covariance (18, 18) of (bias, drift, noise), the noise being stationary.
+    With correlated noise mean (18,) and covariance (18, 18) of (bias, drift, noise); the noise starts stationary.
     """
     mean, std = noise.prior_mean, noise.prior_std
     if noise.correlated_std is not None:
@@ -26,18 +26,18 @@ def init(noise: BiasNoise) -> Gaussian:
 
 
 def strength(noise: BiasNoise, vibration: Array | None = None, jump: Array | None = None) -> BiasStrength | Array:
-    """What drives bias, drift and correlated noise; sigma_Q alone where the drift never reverts and all noise is white.
+    """Process noise of the bias state; only sigma_Q if no drift reverts, no bias jumps and no noise is correlated.
 
     Args:
-        noise: of the filter.
-        vibration: (..., 6) N^2, Nm^2, variance by motion at these samples; None = nothing.
-        jump: (..., 6) N^2, Nm^2, of ``jumps``; None = the sensor is never set to zero.
+        noise: noise model of the filter.
+        vibration: (..., 6) N^2, Nm^2, variance that motion adds at these samples; None = none.
+        jump: (..., 6) N^2, Nm^2, from ``jumps``; None = the sensor is never set to zero.
     """
     if noise.correlated_std is None and noise.drift_time is None and jump is None:
         return noise.density
     rate = None if noise.drift_time is None else 1 / noise.drift_time
     if noise.correlated_std is None or noise.correlated_time is None:
-        # The reverse pass takes a transition that has parameters: XLA ends the process if it has none.
+        # The reverse pass needs a transition that depends on parameters: XLA aborts the process if it has none.
         return BiasStrength(noise.density, jnp.zeros_like(noise.density) if rate is None else rate, jump=jump)
     return BiasStrength(noise.density, rate, 1 / noise.correlated_time, correlated_variance(noise, vibration), jump)
 
@@ -45,9 +45,9 @@ def strength(noise: BiasNoise, vibration: Array | None = None, jump: Array | Non
 def driving(
     params: Params, rezeroed: Array | None, velocity: Array | None
 ) -> tuple[BiasStrength | Array, dict[str, Array] | None]:
-    """``strength`` over a log: what of it is the same at all samples, and its fields (T, 6) that are not, by name.
+    """``strength`` over a log, split into what is the same at all samples and the fields (T, 6) that are not, by name.
 
-    The samples (T,) are as for ``jumps``; the velocity (T, n) rad/s is needed where vibration is correlated.
+    ``rezeroed`` is (T,) as for ``jumps``; the velocity (T, n) rad/s is needed where vibration is correlated.
     """
     noise, jump = params.bias, jumps(params, rezeroed)
     constant, drive = strength(noise, jump=jump), {} if jump is None else {"jump": jump}
@@ -62,15 +62,15 @@ def driving(
 
 
 def jumps(params: Params, rezeroed: Array | None) -> Array | None:
-    """(..., 6) N^2, Nm^2 by which the bias may jump at each sample; None = never.
+    """Variance (..., 6) N^2, Nm^2 of the jump of the bias at each sample; None = it never jumps.
 
-    Where the sensor is set to zero the bias becomes minus what it would have read, anything between nothing and the
-    tool's weight and what it was before. The variance is as large as all that, so that the readings alone decide; the
-    drift goes on as it was.
+    Where the sensor is set to zero the bias becomes minus what it would have read: anything from nothing to the tool's
+    weight plus the previous bias. The variance covers that whole range, so that the readings alone determine the new
+    bias; the drift continues unchanged.
 
     Args:
         params: of the pipeline.
-        rezeroed: (...,) 1 where the sensor was set to zero since the sample before, else 0.
+        rezeroed: (...,) 1 where the sensor was set to zero since the previous sample, else 0.
     """
     if rezeroed is None:
         return None
@@ -82,7 +82,7 @@ def jumps(params: Params, rezeroed: Array | None) -> Array | None:
 
 
 def correlated_variance(noise: BiasNoise, vibration: Array | None = None) -> Array:
-    """(..., 6) N^2, Nm^2: variance of the correlated noise, with its share of the vibration."""
+    """Variance (..., 6) N^2, Nm^2 of the correlated noise, including its share of the vibration."""
     assert noise.correlated_std is not None
     variance: Array = noise.correlated_std**2
     if vibration is None or noise.correlated_vibration is None:
@@ -92,13 +92,13 @@ def correlated_variance(noise: BiasNoise, vibration: Array | None = None) -> Arr
 
 
 def vibration(noise: BiasNoise, velocity: Array) -> Array | None:
-    """(..., 6) N^2, Nm^2: what the motion of the joints, velocity (..., n) rad/s, adds to the noise; None = nothing."""
+    """Variance (..., 6) N^2, Nm^2 that joint motion at velocity (..., n) rad/s adds to the noise; None = none."""
     moving = noise.in_motion
     return None if moving is None else moving.variance(velocity)
 
 
 def white_share(noise: BiasNoise, vibration: Array) -> Array:
-    """The part of the vibration (..., 6), N^2, Nm^2, that is not correlated in time."""
+    """Part of the vibration variance (..., 6), N^2, Nm^2, that is not correlated in time."""
     if noise.correlated_vibration is None:
         return vibration
     return jnp.broadcast_to(1 - noise.correlated_vibration, vibration.shape) * vibration
@@ -118,15 +118,15 @@ def step(
     """Predict by dt, then correct by y = D theta - W (report, section 3), which is the bias plus noise.
 
     Args:
-        noise: of the filter.
-        state: as of ``init``.
+        noise: noise model of the filter.
+        state: after the previous sample, or from ``init``.
         dt: () s since the previous sample.
         wrench_tool: (6,) D theta.
         wrench: (6,) W as read, NaN = not measured.
         covariance: (6, 6) R of y.
-        gate: a sample with any axis this many standard deviations off its prediction is not used, see ``_gated``.
-        vibration: (6,) N^2, Nm^2, variance by motion, of which the correlated noise has a share; None = nothing.
-        jump: (6,) N^2, Nm^2, of ``jumps``; None = nothing.
+        gate: standard deviations off the prediction beyond which, on any axis, a sample is not used, see ``_gated``.
+        vibration: (6,) N^2, Nm^2, variance due to motion, part of which is correlated noise; None = none.
+        jump: (6,) N^2, Nm^2, from ``jumps``; None = none.
 
     Returns:
         the corrected state and the innovation y - b.
@@ -140,7 +140,7 @@ def step(
 
 
 def observation_of(state: Gaussian) -> Array:
-    """(6, k) what of the state a reading, N, Nm, shows: the bias, plus the correlated noise if the state has it."""
+    """Observation matrix (6, k) of a reading, N, Nm: the bias, plus the correlated noise if the state contains it."""
     k = state.mean.shape[0]
     bias = jnp.eye(6, k, dtype=state.mean.dtype)
     return bias if k == 12 else bias + jnp.eye(6, k, 12, dtype=state.mean.dtype)
@@ -149,17 +149,17 @@ def observation_of(state: Gaussian) -> Array:
 def _gated(
     predicted: Gaussian, measurement: Array, covariance: Array, dt: Array, gate: float
 ) -> tuple[Gaussian, Array]:
-    """The prediction and the measurement, which is NaN in all axes if one is off: a contact moves all of them.
+    """The prediction and the measurement, which becomes NaN on all axes if one is off: contact moves all of them.
 
-    A contact is indistinguishable from a bias that jumped. So what is known of the bias is forgotten while nothing
-    passes, exponentially: single spikes cost nothing, a contact of seconds little, and after a jump of 1 to 50 N the
-    gate opens in 20 to 70 s, because the prediction has become uncertain enough.
+    Contact is indistinguishable from a bias that jumped. So the bias is forgotten exponentially while no sample passes:
+    single spikes cost nothing, a contact of seconds little, and after a jump of 1 to 50 N the gate opens in 20 to 70 s,
+    because the prediction has become uncertain enough.
     """
     C = observation_of(predicted)
     variance = jnp.diagonal(C @ predicted.covariance @ C.T) + jnp.diagonal(covariance)
-    off = jnp.abs(measurement - C @ predicted.mean) > gate * jnp.sqrt(variance)  # never where nothing was measured
+    off = jnp.abs(measurement - C @ predicted.mean) > gate * jnp.sqrt(variance)  # false where nothing was measured
     closed = off.any()
-    # Only the bias is forgotten: a jump is no drift.
+    # Only the bias is forgotten: a jump of the bias does not change the drift.
     grown = jnp.where(closed, jnp.expm1(2 * dt / FORGET), 0) * jnp.diagonal(predicted.covariance)[:6]
     covariance = predicted.covariance + jnp.diag(jnp.pad(grown, (0, len(predicted.mean) - 6)))
     return predicted._replace(covariance=covariance), jnp.where(closed, jnp.nan, measurement)

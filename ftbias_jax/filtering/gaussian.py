@@ -11,18 +11,18 @@ from ftbias_jax.types import Gaussian
 
 
 class Innovation(NamedTuple):
-    """What a measurement said beyond its prediction; many have leading axes: samples, joints."""
+    """Innovation of a measurement and its statistics; several innovations have leading axes: samples, joints."""
 
     value: Float[Array, "... m"]
     """(m,) measurement minus prediction; NaN where nothing was measured."""
     covariance: Float[Array, "... m m"]
-    """(m, m) its predicted covariance S = C P C^T + R."""
+    """(m, m) predicted covariance of the innovation, S = C P C^T + R."""
     nis: Float[Array, " ..."]
     """() normalised innovation squared of the measured entries; chi-square with ``count`` degrees of freedom."""
     log_likelihood: Float[Array, " ..."]
     """() log density of the measured entries given the past; 0 if none was measured."""
     count: Int[Array, " ..."]  # type: ignore[assignment]  # hides tuple.count
-    """() how many entries were measured."""
+    """() number of measured entries."""
 
 
 def symmetrise(matrix: Float[Array, "... k k"]) -> Float[Array, "... k k"]:

@@ -1,7 +1,7 @@
-"""Parameters of the wrench model by least squares on whitened innovations, with bias and drift as nuisance.
+"""Parameters of the wrench model by least squares on whitened innovations, with bias and drift as nuisance parameters.
 
-For fixed noise this is the exact maximum of the likelihood: the bias filter is linear, so it turns the error of the
-model and its derivatives into white series alike (likelihood.whiten).
+For fixed noise this is the exact maximum of the likelihood: the bias filter is linear, so it whitens the model error
+and its derivatives alike (likelihood.whiten).
 """
 
 from collections.abc import Callable
@@ -16,51 +16,50 @@ from ftbias_jax.filtering.likelihood import WrenchProblem, whiten
 from ftbias_jax.types import Array
 
 BLOCK_SECONDS = 4.0
-"""Errors of the model hang together over a motion, not over a sample: standard errors take such blocks as units."""
+"""s; model errors are correlated over a motion, not just a sample, so standard errors use blocks of this length."""
 
 
 class Prior(NamedTuple):
-    """Independent normal prior of the parameters; a wide one keeps what the motion does not excite where it started."""
+    """Independent normal prior of the parameters; a wide one keeps parameters without excitation at their start."""
 
     mean: np.ndarray
     std: np.ndarray
 
 
 class Linear(NamedTuple):
-    """A model linearised at given parameters, whitened; of y = prediction - reading."""
+    """Whitened linearisation of a model at given parameters, for y = prediction - reading."""
 
     at: np.ndarray
-    """(P,) the parameters."""
+    """(P,) parameters at which the model is linearised."""
     columns: np.ndarray
-    """(P, T, 6) innovations of the derivatives, in standard deviations."""
+    """(P, T, 6) innovations of the derivatives with respect to the parameters, in standard deviations."""
     residual: np.ndarray
-    """(T, 6) innovations of the error; 0 where nothing was measured."""
+    """(T, 6) innovations of the model error, in standard deviations; 0 where nothing was measured."""
     information: np.ndarray
-    """(P, P) for noise of the stated size."""
+    """(P, P) information matrix for noise of the stated size."""
     bias: np.ndarray
-    """(6,) N, Nm: the filtered bias after the last sample, less the one expected a priori."""
+    """(6,) N, Nm: the filtered bias after the last sample minus the one expected a priori."""
     bias_slopes: np.ndarray
-    """(P, 6) its derivatives."""
+    """(P, 6) derivatives of ``bias`` with respect to the parameters."""
     bias_variance: np.ndarray
-    """(6,) N^2, Nm^2, for noise of the stated size."""
+    """(6,) N^2, Nm^2: variance of ``bias`` for noise of the stated size."""
 
     def moved(self, to: np.ndarray) -> Self:
-        """At other parameters (P,), of a model that is linear in them."""
+        """The linearisation moved to other parameters (P,), for a model that is linear in them."""
         move = to - self.at
         residual = self.residual + np.tensordot(move, self.columns, 1)
         return self._replace(at=to, residual=residual, bias=self.bias + move @ self.bias_slopes)
 
 
 def linearise(problem: WrenchProblem, predict: Callable[[Array], Array], values: Float[Array, " P"]) -> Linear:
-    """Linearise a model at given parameters, and whiten it; part of a program.
+    """Linearise a model at given parameters and whiten it; to be called inside a compiled program.
 
     Args:
         problem: the bias filter of the log.
-        predict: the model, differentiable: (P,) parameters -> (T, 6) N, Nm, sensor frame, that the sensor should read
-            without bias and noise.
-        values: the parameters.
+        predict: differentiable model: (P,) parameters -> (T, 6) N, Nm, sensor frame, reading without bias and noise.
+        values: (P,) parameters at which to linearise.
     """
-    # What the filter predicts of a sample more is the bias; of a column that is 1 there alone, the variance.
+    # The prediction of one appended sample is the bias; a column that is 1 at this sample alone gives its variance.
     last = problem.variance[-1:]
     longer = problem._replace(
         dt=jnp.append(problem.dt, 0.0),
@@ -80,12 +79,12 @@ def linearise(problem: WrenchProblem, predict: Callable[[Array], Array], values:
 
 
 def covariance(linear: Linear, dt: Float[Array, " T"], normal: np.ndarray) -> np.ndarray:
-    """(P, P) inverse information, widened where the scores of whole blocks scatter more than white noise would.
+    """Inverse information (P, P), widened where the scores of whole blocks scatter more than white noise would.
 
     Args:
-        linear: the model at its optimum.
+        linear: the linearisation at the optimum.
         dt: (T,) s.
-        normal: (P, P) information, with that of a prior if there is one.
+        normal: (P, P) information, including that of a prior if there is one.
     """
     scores = np.einsum("ptc,tc->pt", linear.columns, linear.residual)
     block = (np.cumsum(np.asarray(dt)) / BLOCK_SECONDS).astype(int)
@@ -93,7 +92,7 @@ def covariance(linear: Linear, dt: Float[Array, " T"], normal: np.ndarray) -> np
 
 
 def widened_inverse(scores: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """(P, P) inverse of a normal matrix (P, P), widened by the scatter of the scores of whole blocks (blocks, P)."""
+    """Inverse of a normal matrix (P, P), widened by the scatter of the scores of whole blocks (blocks, P)."""
     inverse = np.linalg.inv(normal)
     sandwich = inverse @ (scores.T @ scores) @ inverse
     widen = np.sqrt(np.maximum(1, np.diag(sandwich) / np.diag(inverse)))

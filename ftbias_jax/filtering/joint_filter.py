@@ -30,7 +30,7 @@ def step(
     """Predict by dt, then correct by the measured positions and velocities.
 
     Args:
-        noise: of the filter.
+        noise: noise model of the joint filter.
         state: mean (n, 3), covariance (n, 3, 3).
         dt: () s since the previous sample.
         q: (n,) rad, NaN = not measured.
@@ -58,12 +58,12 @@ def step(
 def first_measured(q: Float[Array, "T n"]) -> Float[Array, " n"]:
     """First finite position of every joint; (T, n) -> (n,) rad, NaN if there is none."""
     rows = jnp.arange(len(q), dtype=jnp.int32)[:, None]
-    first = jnp.where(jnp.isfinite(q), rows, len(q) - 1).min(0)  # a third of the time of argmax
+    first = jnp.where(jnp.isfinite(q), rows, len(q) - 1).min(0)  # takes a third of the time of argmax
     return jnp.take_along_axis(q, first[None], 0)[0]
 
 
 def _forget(predicted: Gaussian, previous: Gaussian, prior_std: Array) -> Gaussian:
-    """Start again from P_0 when a gap has left less knowledge of position and velocity than P_0 has.
+    """Restart from P_0 where a gap has left position and velocity less certain than P_0.
 
     Integrated noise grows as dt^5: after seconds without data it would exceed any physical motion, and the next update
     would have to cancel twenty digits. The restart assumes the last known position, at rest.

@@ -1,6 +1,6 @@
-"""Log-likelihood of a log in innovations form, and what regressing innovations on innovations says about parameters.
+"""Log-likelihood of a log in innovations form, and whitening by the bias filter for regression on innovations.
 
-The likelihood is differentiable in every parameter, and its gradient costs one more pass (scan.py).
+The likelihood is differentiable with respect to every parameter; its gradient costs one additional pass (scan.py).
 """
 
 from functools import partial
@@ -25,20 +25,20 @@ from ftbias_jax.runtime.compiled_loops import on_cpu, over_pieces
 from ftbias_jax.types import Gaussian, Sample
 
 JAX_SAYS = ("can't apply forward-mode", "Linearization failed")
-"""Of a derivative that a function with a reverse pass of its own does not have; or nothing, of a second one."""
+"""Start of JAX's message for a forward derivative of a custom reverse pass; that for a second one is empty."""
 
 
 class LogLikelihood(NamedTuple):
     """Log density of the measurements, in nats."""
 
     joint: Float[Array, ""]
-    """() of joint positions and velocities."""
+    """() log density of joint positions and velocities."""
     wrench: Float[Array, ""]
-    """() of the wrench given the joints."""
+    """() log density of the wrench given the joints."""
 
     @property
     def total(self) -> Float[Array, ""]:
-        """() both together."""
+        """() sum of both."""
         return self.joint + self.wrench
 
 
@@ -50,22 +50,22 @@ def log_likelihood(
     *,
     by_steps: bool = False,
 ) -> Float[Array, ""]:
-    """Log-likelihood of a log (errata 13), () nats: of joints and wrench together, to be differentiated or mapped.
+    """Log-likelihood of a log (errata 13), () nats, of joints and wrench together, to be differentiated or mapped.
 
     It has the precision of its arrays, because it is part of the caller's own program.
 
     Args:
-        params: as ``params_for_log`` gives them; differentiable in every leaf, rotations in the directions in which
-            they stay rotations.
-        samples: as ``samples_from_log`` gives them, leaves with a leading time axis; padding counts nothing.
-        options: of the pipeline, as ``options_from_setup`` gives them where a setup states any.
-        burn_in: s at the start of the log that do not count, because the first innovations measure P_0 and little else.
-        by_steps: by ``pipeline.scan_steps``, many times slower, to be differentiated forwards and twice (``jax.jvp``,
-            ``jax.hessian``), too; without known effects.
+        params: from ``params_for_log``; differentiable with respect to every leaf, rotations in the directions in which
+            they remain rotations.
+        samples: from ``samples_from_log``, leaves with a leading time axis; padding does not count.
+        options: of the pipeline, from ``options_from_setup`` where a setup states any.
+        burn_in: s at the start of the log that are excluded, because the first innovations mostly measure P_0.
+        by_steps: use ``pipeline.scan_steps``, which is many times slower but also supports forward-mode and second
+            derivatives (``jax.jvp``, ``jax.hessian``); without known effects.
 
     Raises:
-        UsageError: it is differentiated forwards or twice without ``by_steps``. A ``jax.jit`` in between hides where:
-            then the error is JAX's own.
+        UsageError: a forward-mode or second derivative without ``by_steps``. If a ``jax.jit`` in between hides its
+            origin, the error is JAX's own.
     """
     if by_steps:
         _, nats = pipeline.scan_steps(params, pipeline.init(params, samples), samples, options, _increments)
@@ -82,7 +82,7 @@ def log_likelihood(
 def log_likelihood_parts(
     params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
 ) -> LogLikelihood:
-    """The same, () nats each, split into joints and wrench; arguments as for ``log_likelihood``."""
+    """Log-likelihood, () nats each, split into joints and wrench; arguments as for ``log_likelihood``."""
     weight, start = counted(samples.dt, burn_in), pipeline.init(params, samples)
     if on_cpu() and len(weight):
         return LogLikelihood(*log_likelihoods(params, start, samples, weight, options))
@@ -93,7 +93,7 @@ def log_likelihood_parts(
 def joint_log_likelihood(
     params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
 ) -> Float[Array, ""]:
-    """The joints' part alone, () nats; arguments as for ``log_likelihood``."""
+    """Log-likelihood of the joint measurements alone, () nats; arguments as for ``log_likelihood``."""
     inputs = stages.joint_inputs(params.joint, pipeline.init(params, samples).joint, samples)
     return filter_sums(JOINT_MODELS[options.joint_model], False, inputs, counted(samples.dt, burn_in)).nats.sum()
 
@@ -102,10 +102,10 @@ def joint_log_likelihood(
 def wrench_given_joints(
     params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, burn_in: float | Array = 0.0
 ) -> Float[Array, ""]:
-    """Log-likelihood, () nats, of the wrench given all joint measurements, past and future: of smoothed joints.
+    """Log-likelihood, () nats, of the wrench given all joint measurements, past and future (smoothed joints).
 
-    Together with ``joint_log_likelihood`` it is the density of the whole log, p(joints) p(wrench | joints), where
-    ``log_likelihood`` takes the wrench given the joints' past, as a filter must. Arguments as there.
+    Together with ``joint_log_likelihood`` it is the density of the whole log, p(joints) p(wrench | joints), whereas
+    ``log_likelihood`` conditions the wrench on the joints' past, as a filter must. Arguments as for ``log_likelihood``.
     """
     start = pipeline.init(params, samples)
     joints = smooth_joint_tracks(params, start, samples, options)
@@ -117,7 +117,7 @@ def wrench_given_joints(
 def nats_in_pieces(
     model: ProcessModel, inputs: Inputs, weight: Float[Array, " T"], length: Array
 ) -> Float[Array, " B"]:
-    """The likelihoods (B,), nats, of ``filter_sums``, without the time that padding after this length would take."""
+    """Log-likelihoods (B,), nats, of ``filter_sums``; padding after ``length`` samples takes no time."""
 
     def add(state: tuple[Array, Array, Array], piece: Any) -> tuple[tuple[Array, Array, Array], None]:
         nats, mean, covariance = state
@@ -132,7 +132,7 @@ def nats_in_pieces(
 
 
 def measured_length(samples: Sample, xp: Any = jnp) -> Any:
-    """() samples up to the last one that is not padding, where dt is 0 s and all is NaN; of the longest of (..., T)."""
+    """Number () of samples up to the last that is not padding (dt = 0 s and all NaN), for the longest of (..., T)."""
     there = xp.asarray(samples.dt) != 0
     for x in (samples.q, samples.dq, samples.wrench):
         there = there if x is None else there | xp.isfinite(x).any(-1)
@@ -140,7 +140,7 @@ def measured_length(samples: Sample, xp: Any = jnp) -> Any:
 
 
 def counted(dt: Float[Array, " T"], burn_in: float | Array) -> Float[Array, " T"]:
-    """(T,) 1 for samples after the burn-in of so many s, 0 before; dt (T,) s."""
+    """Weights (T,): 1 for samples after the burn-in, in s, 0 before; dt (T,) s."""
     return (jnp.cumsum(dt) >= burn_in).astype(dt.dtype)
 
 
@@ -149,13 +149,12 @@ def _increments(state: State, info: Info) -> tuple[Array, Array]:
 
 
 class WrenchProblem(NamedTuple):
-    """The bias filter of one log with everything before it worked out: what a fit of the wrench's model needs."""
+    """The bias filter of one log with all earlier stages computed: what a fit of the wrench model needs."""
 
     dt: Float[Array, " T"]
     """(T,) s."""
     wrench: Float[Array, "T 6"]
-    """(T, 6) N, Nm as read, plus the bias expected a priori, so that what is left of it starts at zero; NaN = not
-    measured."""
+    """(T, 6) N, Nm: reading plus the bias expected a priori, so that the rest starts at zero; NaN = not measured."""
     variance: Float[Array, "T 6"]
     """(T, 6) N^2, Nm^2: diagonal of R."""
     density: Float[Array, " 6"]
@@ -163,11 +162,11 @@ class WrenchProblem(NamedTuple):
     prior_std: Float[Array, " 12"]
     """(12,) square root of P_0, bias then drift."""
     jump: Float[Array, "T 6"] | None = None
-    """(T, 6) N^2, Nm^2 by which the bias may jump at each sample (``bias_filter.jumps``); None = never."""
+    """(T, 6) N^2, Nm^2: variance of a jump of the bias at each sample (``bias_filter.jumps``); None = never."""
 
 
 def bias_recursion(problem: WrenchProblem, y: Float[Array, "T 6"]) -> Inputs:
-    """The bias filter on measurements y (T, 6) N, Nm of the bias, started at its prior with mean zero."""
+    """Inputs of the bias filter for measurements y (T, 6) N, Nm of the bias, started at its prior with mean zero."""
     y = jnp.where(jnp.isfinite(problem.wrench), y, jnp.nan)
     std = problem.prior_std.reshape(2, 6)
     zero = jnp.zeros_like(std[0])
@@ -185,15 +184,15 @@ def bias_recursion(problem: WrenchProblem, y: Float[Array, "T 6"]) -> Inputs:
 def whiten(problem: WrenchProblem, columns: Float[Array, "C T 6"]) -> Float[Array, "C T 6"]:
     """Innovations of the bias filter, in units of their standard deviation, for each of many series.
 
-    The filter is linear, so the innovations of D theta - W are those of the columns of D times theta minus those of
-    W: least squares on whitened columns is the exact likelihood with bias and drift as nuisance.
+    The filter is linear, so the innovations of D theta - W are those of the columns of D times theta minus those of W:
+    least squares on whitened columns maximises the exact likelihood with bias and drift as nuisance parameters.
 
     Args:
-        problem: the filter.
+        problem: the bias filter.
         columns: (C, T, 6) N, Nm, sensor frame.
 
     Returns:
-        (C, T, 6), 0 where the wrench was not measured.
+        whitened series (C, T, 6), 0 where the wrench was not measured.
     """
 
     def white(y: Array) -> Array:
@@ -201,7 +200,7 @@ def whiten(problem: WrenchProblem, columns: Float[Array, "C T 6"]) -> Float[Arra
         innovation, variance = innovations(bias_model(inputs.density), inputs)
         return innovation[:, 0] / jnp.sqrt(variance[:, 0])
 
-    # Its value is its derivative: so the gains, which all series share, are worked out once.
+    # The map is linear, so its value equals its derivative, and the gains, which all series share, are computed once.
     return jax.vmap(lambda column: jax.jvp(white, (jnp.zeros_like(column),), (column,))[1])(columns)
 
 
@@ -209,7 +208,7 @@ def whiten(problem: WrenchProblem, columns: Float[Array, "C T 6"]) -> Float[Arra
 def wrench_problem(
     params: Params, samples: Sample, joints: Gaussian, options: Options = DEFAULT_OPTIONS
 ) -> tuple[WrenchProblem, Float[Array, "T 6"]]:
-    """Freeze everything before the bias filter.
+    """Compute everything that precedes the bias filter, so that it stays fixed.
 
     Args:
         params: robot, tool and noise as stated or fitted.
@@ -219,7 +218,7 @@ def wrench_problem(
         options: as for ``pipeline.run``.
 
     Returns:
-        the problem of the wrench, and the wrench of the tool D theta (T, 6) N, Nm of these parameters.
+        the bias filter's inputs, and the wrench of the tool D theta (T, 6) N, Nm for these parameters.
     """
     wrench_tool, variance = stages.predict_wrenches(params, joints, samples, options)
     bias = params.bias
@@ -231,5 +230,5 @@ def wrench_problem(
 def without_bias(
     wrench: Float[Array, "T 6"], expected: Float[Array, " 12"], t: Float[Array, " T"]
 ) -> Float[Array, "T 6"]:
-    """Readings (T, 6) at times t (T,) s, with the bias taken off that is expected: (12,) at t = 0, and its drift."""
+    """Readings (T, 6) at times t (T,) s, corrected by the expected bias and drift, (12,) at t = 0."""
     return jax.vmap(unbias, (0, None, 0))(wrench, expected, t)

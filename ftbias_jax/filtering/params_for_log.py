@@ -1,4 +1,4 @@
-"""The parameters that a log is filtered with: what the setup states, and what it leaves open by the log itself."""
+"""Parameters for filtering a log: what the setup states, and estimates from the log for what it leaves open."""
 
 import jax
 import jax.numpy as jnp
@@ -21,27 +21,26 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array, Sample
 
 LAG_GUARD = 8.0
-"""To filter, the joints' process noise is taken this much above what the setup states or the log makes likeliest. The
-likelihood trades noise of the acceleration against its lag at par, but the bias filter averages noise out and keeps the
-lag, which moves with the motion. On simulated logs the bias errors are smallest and the error bars hold around 8
-(experiments/joint_noise)."""
+"""Factor on the joints' process noise, stated or most likely, when filtering. The likelihood weighs noise of the
+acceleration and its lag equally, but the bias filter averages noise out and keeps the lag, which varies with the
+motion. On simulated logs the bias errors are smallest and the error bars hold around 8 (experiments/joint_noise)."""
 MOST_SAMPLES = 1 << 14
-"""At the start of a log that the noise is fitted to."""
+"""Number of samples at the start of a log to which the joints' process noise is fitted."""
 PIECE, FEW_PIECES = 1 << 13, 4
-"""Samples that logs are padded to multiples of, and so many pieces of which a longer log is padded by two."""
+"""Logs are padded to multiples of PIECE samples; those longer than FEW_PIECES pieces, to multiples of two pieces."""
 POINTS, PARTS = 8, 64
-"""Of each grid, and of the interval between two points of the fine one: 1 % of the density."""
+"""Points of each grid, and subdivisions of the interval between two points of the fine one: 1 % of the density."""
 
 
 def params_for_log(setup: Setup, log: Log | Sample, *, guarded: bool = True) -> Params:
-    """Parameters that the verbs filter a log with, as arrays of JAX: for programs of your own.
+    """Parameters to filter a log with, as JAX arrays, for use in your own programs.
 
     Args:
         setup: robot, sensor, tool and noise.
-        log: what ``read_log`` gives, or ``samples_from_log`` of it; a joint process noise that the setup leaves open
-            is the likeliest of this log.
-        guarded: whether they are those of a filter on the robot: the joints' process noise LAG_GUARD times as large,
-            their measurements as noisy as stated. False for ``filter_samples``, which smooths the joints.
+        log: from ``read_log``, or ``samples_from_log`` of it; a joint process noise that the setup leaves open is the
+            most likely one for this log.
+        guarded: whether they are for a filter on the robot: the joints' process noise LAG_GUARD times as large, their
+            measurement noise as stated. False for ``filter_samples``, which smooths the joints.
 
     Returns:
         a pytree in JAX's own precision (float32, unless ``jax_enable_x64`` is set).
@@ -54,14 +53,14 @@ def params_for_log(setup: Setup, log: Log | Sample, *, guarded: bool = True) -> 
 
 
 def guard_against_lag(params: Params) -> Params:
-    """The joints' process noise LAG_GUARD times as large: for filtering, not for smoothing, which has no lag."""
+    """Parameters with the joints' process noise times LAG_GUARD: for filtering, not for smoothing, which has no lag."""
     return params._replace(joint=params.joint._replace(process_density=LAG_GUARD * params.joint.process_density))
 
 
 def likeliest_params(setup: Setup, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Params:
-    """Parameters from a setup, with no less noise of the joints than the log shows.
+    """Parameters from a setup, with no less measurement noise of the joints than the log shows.
 
-    A process noise of the joints that the setup leaves open is the likeliest of the log.
+    A process noise of the joints that the setup leaves open is the most likely one for the log.
     """
     params = _stated(setup, samples)
     params = params._replace(joint=no_less_than_shown(params.joint, samples))
@@ -73,7 +72,7 @@ def _stated(setup: Setup, samples: Sample) -> Params:
 
 
 def _with_process_noise(setup: Setup, params: Params, samples: Sample, options: Options) -> Params:
-    """With the likeliest process noise of the joints, if the setup leaves it open."""
+    """Parameters with the most likely process noise of the joints, if the setup leaves it open."""
     if setup.joints.process_noise_density is not None:
         return params
     part = jax.tree.map(lambda x: x[:MOST_SAMPLES], samples)
@@ -83,16 +82,16 @@ def _with_process_noise(setup: Setup, params: Params, samples: Sample, options: 
 
 
 def zeroed_at(params: Params, setup: Setup, first_q: Float[Array, " n"]) -> Params:
-    """Parameters of a setup for a log that begins at ``first_q`` (n,) rad, where its sensor may have been set to zero.
+    """Parameters for a log that begins at ``first_q`` (n,) rad, where its sensor may have been set to zero.
 
     Args:
-        params: of ``params_from_setup``, for any log; a joint process noise that the setup leaves open is 1.
+        params: from ``params_from_setup``, for any log; a joint process noise that the setup leaves open is 1.
         setup: of the log.
         first_q: the first measured position of every joint.
     """
     if not setup.sensor.rezeroed:
         return params
-    # Of a sensor that was set to zero in the first pose, at rest, is expected what the tool makes it read there.
+    # If the sensor was set to zero at rest in the first pose, the expected bias includes the tool's wrench there.
     q = jnp.asarray(first_q, params.theta.dtype)
     _, weight = predict_wrench(params, jnp.stack([q, jnp.zeros_like(q), jnp.zeros_like(q)], 1))
     mean = params.bias.prior_mean.at[:6].add(weight)
@@ -108,11 +107,11 @@ def likeliest_density(
     *,
     model: str = "integrated_jerk",
 ) -> Float[Array, " n"]:
-    """Process noise density of every joint that makes its measurements likeliest; noise.process_density is not used.
+    """Maximum-likelihood process noise density of every joint, (n,); noise.process_density is not used.
 
-    How fast a robot's acceleration changes differs by orders of magnitude between motions, and nobody knows the
-    number. The likelihood of one joint has a single broad maximum: a coarse grid is searched, then a fine one between
-    the neighbours of its best point, and the polynomial through the fine one's points.
+    How fast a robot's acceleration changes differs by orders of magnitude between motions and is not known in advance.
+    The likelihood of one joint has a single broad maximum: a coarse grid is searched, then a fine one between the
+    neighbours of its best point, then the polynomial through the points of the fine one.
 
     Args:
         noise: measurement noise and prior.
@@ -150,7 +149,7 @@ def _score_densities(noise: JointNoise, dt: Array, q: Array, dq: Array, densitie
 
 
 def without_useless(log: Log, params: Params) -> Log:
-    """The log without samples that the known effects make useless: saturated ones, spikes, repetitions."""
+    """The log without readings that the known effects make useless: saturated ones, spikes, repetitions."""
     if params.effects is None:
         return log
     model = Model(params.arm, params.gravity, params.theta)
@@ -158,7 +157,7 @@ def without_useless(log: Log, params: Params) -> Log:
 
 
 def useful_samples(log: Log, params: Params) -> Sample:
-    """A whole log as input for a fit, of NumPy arrays, without the readings that the known effects make useless."""
+    """A whole log as NumPy input for a fit, without the readings that the known effects make useless."""
     return without_unsettled(arrays_from_log(without_useless(log, params)), log.t, params)
 
 

@@ -1,4 +1,4 @@
-"""The whole method over a whole log: ``init``, ``step`` and ``run``.
+"""The method over a whole log: ``init``, ``step`` and ``run``.
 
 ``scan_steps`` is the definition. ``run`` takes the fast route of ``fast/stages.py`` wherever that is exact, and is
 tested equal to the definition.
@@ -49,7 +49,7 @@ __all__ = [
 
 
 def keep_result(state: State, info: Info) -> dict[str, Array]:
-    """What a result has of a sample: (n, 3), (n,), (2, 6) bias and drift, (6,) and (), in rad, N, Nm and per s."""
+    """Per-sample content of a result: (n, 3), (n,), (2, 6) for bias and drift, (6,) and (), in rad, N, Nm and per s."""
     std = partial(jnp.diagonal, axis1=-2, axis2=-1)
     return {
         "joint": state.joint.mean,
@@ -65,7 +65,7 @@ def keep_result(state: State, info: Info) -> dict[str, Array]:
 
 
 def keep_all(state: State, info: Info) -> tuple[State, Info]:
-    """Everything of a sample, covariance matrices too: several times the memory, and the time."""
+    """Everything of a sample, including covariance matrices: takes several times the memory and the time."""
     return state, info
 
 
@@ -75,17 +75,17 @@ def run(
 ) -> tuple[State, Any]:
     """Filter a whole log: equal to ``scan_steps`` to round-off, and over ten times faster.
 
-    The fast route has a hand-written reverse pass. It reports a gradient of zero with respect to
-    ``samples.dt``, does not support forward mode (``jax.jvp``, ``jax.jacfwd``), and ignores correlations between axes
-    of the bias in the given state. Use ``scan_steps`` where that matters.
+    The fast route has a hand-written reverse pass. It reports a gradient of zero with respect to ``samples.dt``, does
+    not support forward mode (``jax.jvp``, ``jax.jacfwd``), and ignores correlations between axes of the bias in the
+    given state. Use ``scan_steps`` where that matters.
 
     Args:
         params: as for ``step``. Known effects need the fast route, and the whole log in one call if they have a memory.
         state: before the first sample: from ``init``, or carried from an earlier part of the log.
         samples: leaves with a leading time axis (T, ...).
         options: as for ``step``.
-        emit: what to keep of every sample, (state, info) -> pytree: by default what a result has. ``keep_all`` keeps
-            the rest, too; what is not kept is not worked out.
+        emit: selects what is kept of every sample, (state, info) -> pytree; by default the content of a result.
+            ``keep_all`` keeps everything; what is not kept is not computed.
 
     Returns:
         the last state, to carry into the next part of the log, and what ``emit`` kept, with a leading time axis.
@@ -112,9 +112,9 @@ def scan_steps(
 def _states_and_infos(
     params: Params, state: State, samples: Sample, options: Options, staged: Staged
 ) -> tuple[State, Info]:
-    """What ``step`` reports of every sample, with a leading time axis, from what ``stages.run`` returned.
+    """What ``step`` reports for every sample, with a leading time axis, from what ``stages.run`` returned.
 
-    All samples at once, and XLA leaves out what nobody reads: who keeps the bias alone does not pay for covariances.
+    All samples are computed together. XLA removes what is not used, so keeping the bias alone costs no covariances.
     """
     joint, wrench = staged.joint, staged.wrench
     log_likelihood = joint.log_likelihood.sum(1) + wrench.log_likelihood.sum(1)
@@ -136,7 +136,7 @@ def _of_joints(track: Track, samples: Sample, covariance: Array) -> Innovation:
 
 def _of_wrench(track: Track, samples: Sample) -> Innovation:
     """Innovations of y = D theta - W; its axes are independent, so S is diagonal and the axes' shares add up."""
-    # What was not measured, or did not pass the gate, has no share in the likelihood: exactly zero.
+    # A sample that was not measured or did not pass the gate contributes exactly zero to the likelihood.
     measured = jnp.isfinite(samples.wrench) & (track.log_likelihood != 0)
     value = jnp.where(measured, track.innovation[:, 0], jnp.nan)
     covariance = diagonal_matrix(track.innovation_variance[:, 0])
@@ -146,10 +146,10 @@ def _of_wrench(track: Track, samples: Sample) -> Innovation:
 def _joint_covariance(
     params: Params, state: State, samples: Sample, options: Options, track: Track
 ) -> Float[Array, "T n 2 2"]:
-    """(T, n, 2, 2) covariance S of the innovation of (q, dq).
+    """Covariance S (T, n, 2, 2) of the innovation of (q, dq).
 
-    Its diagonal is in the track. What position and velocity share comes from the prediction alone, because their noises
-    are independent, and is worked out again from the state before each sample.
+    Its diagonal is in the track. The covariance between position and velocity comes from the prediction alone, because
+    their noises are independent, and is recomputed from the state before each sample.
     """
     before = jnp.concatenate([jnp.moveaxis(state.joint.covariance, 0, -1)[None], track.covariance[:-1]])
     mean = jnp.concatenate([state.joint.mean.T[None], track.mean[:-1]])

@@ -25,18 +25,18 @@ ProcessModel = Callable[[Array, Any], tuple[Rows, Rows]]
 
 
 class BiasStrength(NamedTuple):
-    """What drives one axis of the bias and of the noise that is correlated in time; arrays over axes, B of them."""
+    """Process noise of one axis of the bias and of its time-correlated noise; arrays over B axes."""
 
     density: Array
     """(B,) sigma_Q, N/s^1.5 or Nm/s^1.5."""
     drift_rate: Array | None = None
-    """(B,) 1/s at which the drift reverts to zero, 0 = never; None = on no axis, which costs less."""
+    """(B,) 1/s: rate at which the drift reverts to zero, 0 = never; None = on no axis, which costs less."""
     noise_rate: Array | None = None
-    """(B,) 1/s, one over the correlation time of the noise; None = all noise is white."""
+    """(B,) 1/s: inverse correlation time of the noise; None = all noise is white."""
     noise_variance: Array | None = None
-    """(B,) N^2 or Nm^2 of the correlated noise where it is stationary; it may differ from sample to sample."""
+    """(B,) N^2 or Nm^2: stationary variance of the correlated noise; it may differ from sample to sample."""
     jump: Array | None = None
-    """(B,) N^2 or Nm^2 by which the bias may jump at a sample; None = it never does."""
+    """(B,) N^2 or Nm^2: variance of a jump of the bias at a sample; None = it never jumps."""
 
 
 def acceleration_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tuple[Rows, Rows]:
@@ -56,9 +56,9 @@ def acceleration_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) 
 
 
 def integrated_acceleration_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tuple[Rows, Rows]:
-    """Model 2, integrated acceleration noise, as printed: the noise enters the velocity, the acceleration gets none.
+    """Model 2, integrated acceleration noise, as printed: the noise enters the velocity but not the acceleration.
 
-    The gain of the acceleration therefore decays to nothing (errata 14); it is kept for comparison.
+    The gain of the acceleration therefore decays to zero (errata 14); the model is kept for comparison.
 
     Args:
         dt: () s.
@@ -99,8 +99,8 @@ def drift_noise(dt: Float[Array, " ..."], density: Float[Array, " ..."]) -> tupl
 def reverting_drift(dt: Array, strength: BiasStrength) -> tuple[Rows, Rows]:
     """One axis of the bias whose drift is an Ornstein-Uhlenbeck process: it reverts to zero and forecasts better.
 
-    With the rate 0 it is ``drift_noise``. With a time far below the log's length the bias becomes a random walk. A and
-    Q (2 x 2) are for the state (bias, drift) after dt () s.
+    With rate 0 it is ``drift_noise``. With a reversion time far below the log's length the bias becomes a random walk.
+    A and Q (2 x 2) are for the state (bias, drift) after dt () s.
     """
     density, rate = strength.density, strength.drift_rate
     dt, jumped = dt + jnp.zeros_like(density), 0 if strength.jump is None else strength.jump
@@ -116,10 +116,10 @@ def reverting_drift(dt: Array, strength: BiasStrength) -> tuple[Rows, Rows]:
 
 
 def correlated_bias(dt: Array, strength: BiasStrength) -> tuple[Rows, Rows]:
-    """``reverting_drift``, and first-order Gauss-Markov noise on top of the bias.
+    """``reverting_drift`` with first-order Gauss-Markov noise added to the bias.
 
-    The state is (bias + noise, drift, noise): its first entry is what is measured. A and Q (3 x 3) for dt () s, by a
-    strength with the rate and the variance of the noise.
+    The state is (bias + noise, drift, noise), whose first entry is measured. A and Q (3 x 3) are for dt () s;
+    ``strength`` must state the rate and the variance of the noise.
     """
     assert strength.noise_rate is not None
     assert strength.noise_variance is not None
@@ -149,7 +149,7 @@ def _integrated_twice(x: Array) -> Array:
 
 
 def bias_model(strength: BiasStrength | Array) -> ProcessModel:
-    """The process of one axis, with as few states as its strength, or density (B,) in N/s^1.5, Nm/s^1.5, needs."""
+    """Process model of one axis, with as few states as its strength, or density (B,) in N/s^1.5, Nm/s^1.5, requires."""
     if not isinstance(strength, BiasStrength):
         return drift_noise
     return reverting_drift if strength.noise_rate is None else correlated_bias
@@ -161,10 +161,10 @@ class Gated:
 
     model: ProcessModel
     gate: float
-    """Standard deviations."""
+    """Threshold in standard deviations."""
 
     def __call__(self, dt: Array, strength: Any) -> tuple[Rows, Rows]:
-        """As the model itself."""
+        """A and Q of the model itself."""
         return self.model(dt, strength)
 
 
@@ -192,7 +192,7 @@ def bias_drift_noise(
 
 
 def bias_noise(dt: Array, strength: BiasStrength | Array) -> tuple[Array, Array]:
-    """``bias_drift_noise``, or for a BiasStrength the same with a drift that reverts and noise that is correlated.
+    """``bias_drift_noise``, or for a BiasStrength its extension by a reverting drift and correlated noise.
 
     A and Q after dt () s for the state (bias, drift), (12, 12), or (bias, drift, correlated noise), (18, 18).
     """
@@ -207,12 +207,12 @@ def bias_noise(dt: Array, strength: BiasStrength | Array) -> tuple[Array, Array]
 
 
 def _append(rows: Rows, last: Array) -> Rows:
-    """A block diagonal matrix with one more entry."""
+    """A matrix extended block-diagonally by one entry."""
     return [*([*row, 0] for row in rows), [*([0] * len(rows)), last]]
 
 
 def _by_axis(rows: Rows) -> Array:
-    """Entries over axes -> one matrix, entry by entry and in each by axis."""
+    """Entries over axes -> one matrix, in which each entry is a diagonal block over the axes."""
     return jnp.block([[jnp.diag(entry) for entry in row] for row in as_arrays(rows)])
 
 
@@ -222,7 +222,7 @@ def matrix(rows: Rows) -> Float[Array, "k k"]:
 
 
 def as_arrays(rows: Rows) -> list[list[Array]]:
-    """Every entry as an array (...,) of the shape and the precision of all, in its own unit."""
+    """Every entry as an array (...,) of the common shape and precision, in its own unit."""
     arrays = [entry for row in rows for entry in row if not isinstance(entry, int)]
     shape, dtype = jnp.broadcast_shapes(*(x.shape for x in arrays)), jnp.result_type(*arrays)
     return [[jnp.broadcast_to(jnp.asarray(entry, dtype), shape) for entry in row] for row in rows]

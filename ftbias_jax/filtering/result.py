@@ -13,7 +13,7 @@ from ftbias_jax.types import Array
 class Filtered:
     """Result of filtering a log, at the stamps where any wrench axis was measured. Signs as in the report.
 
-    numpy arrays; the fields are those of the output file, with the same names. Wrenches are in the sensor frame and act
+    NumPy arrays; the fields are those of the output file, with the same names. Wrenches are in the sensor frame and act
     on the tool: unbiased = measured + bias. Effects that the setup states are in wrench_tool, those of the bias
     (warming up, temperature) in bias.
     """
@@ -39,28 +39,28 @@ class Filtered:
     ddq_std: Float[Array, "T n"]
     """rad/s^2 (m/s^2), standard deviation."""
     wrench_tool: Float[Array, "T 6"]
-    """N, Nm, what the tool must cause by its weight and motion."""
+    """N, Nm, wrench that the tool must cause by its weight and motion."""
     innovation: Float[Array, "T 6"]
-    """N, Nm, the tool's wrench minus the corrected reading, predicted; NaN = not used."""
+    """N, Nm, wrench_tool minus the reading corrected by the predicted bias; NaN = not used."""
     nis: Float[Array, " T"]
     """Normalised innovation squared, summed over the axes that were used."""
     log_likelihood: Float[Array, ""]
-    """nats, of joints and wrench."""
+    """nats, of joints and wrench together."""
     innovation_std: Float[Array, "T 6"]
-    """N, Nm, standard deviation: the filter's, with the noise of samples that the log shows."""
+    """N, Nm, standard deviation of the innovation, with the sample noise that the log shows."""
     used: Bool[Array, " T"] | None = None
-    """Whether the sample passed the gate, and nothing touched the tool."""
+    """Whether the sample passed the gate and nothing touched the tool."""
     reading_std: Float[Array, "T 6"] | None = None
-    """N, Nm: how far a reading is off wrench_tool - bias by all its noise, white and correlated. With bias_std it tells
-    how well a later reading can be predicted."""
+    """N, Nm: standard deviation of a reading about wrench_tool - bias from all its noise, white and correlated. With
+    bias_std it determines how well a later reading can be predicted."""
     slow_error: Float[Array, "T 6"] | None = None
-    """N, Nm: of wrench_tool - reading what is correlated noise, not bias; None if filtered as stated."""
+    """N, Nm: the part of wrench_tool - reading that is correlated noise, not bias; None if filtered as stated."""
     contact_wrench: Float[Array, "T 6"] | None = None
-    """N, Nm: what the environment exerts on the tool, wrench_tool - wrench_unbiased; None if filtered as stated."""
+    """N, Nm: wrench of the environment on the tool, wrench_tool - wrench_unbiased; None if filtered as stated."""
     contact_wrench_std: Float[Array, "T 6"] | None = None
-    """N, Nm, standard deviation: of bias and reading together."""
+    """N, Nm, standard deviation of contact_wrench, from bias and reading together."""
     in_contact: Bool[Array, " T"] | None = None
-    """Whether the sample is in an interval in which something touches the tool, found in the whole log."""
+    """Whether the sample is in an interval in which something touches the tool, found from the whole log."""
     bias_smooth: Float[Array, "T 6"] | None = None
     """N, Nm, bias given the whole log, past and future; None if not asked for."""
     drift_smooth: Float[Array, "T 6"] | None = None
@@ -72,7 +72,7 @@ class Filtered:
 
 
 ARRAYS = tuple(field.name for field in fields(Filtered))
-"""Names of the arrays, t first, as they stand in a file."""
+"""Names of the arrays as in a file, t first."""
 
 
 def join(parts: Sequence[Filtered]) -> Filtered:
@@ -85,5 +85,5 @@ def join(parts: Sequence[Filtered]) -> Filtered:
 
 
 def named_arrays(filtered: Filtered) -> dict[str, Array]:
-    """The arrays (T, ...) that there are, as they stand in a file: s, rad, N, Nm."""
+    """The arrays (T, ...) that are not None, by their names in a file: s, rad, N, Nm."""
     return {name: x for name in ARRAYS if (x := getattr(filtered, name)) is not None}

@@ -1,4 +1,4 @@
-"""A log as the filters' input, and padding that makes logs of equal length."""
+"""A log as the filters' input, and padding to a common length."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -16,9 +16,9 @@ from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array, Sample
 
 FORGOTTEN = 0.003
-"""Share of what a memory held at the first sample that no longer matters."""
+"""Share of an effect's initial state below which the rest no longer matters."""
 LONGEST, MOST = 3.0, 0.1
-"""s, and share of the log, that are left out at most: what lasts longer looks like a bias, or swings about zero."""
+"""s, and share of the log, that are left out at most: a longer memory resembles a bias or oscillates about zero."""
 
 
 def samples_from_log(log: Log, dtype: Any = None) -> Sample:
@@ -26,18 +26,18 @@ def samples_from_log(log: Log, dtype: Any = None) -> Sample:
 
     Args:
         log: a whole log.
-        dtype: of the arrays.
+        dtype: of the arrays; None = JAX's default float.
     """
     return jax.tree.map(jnp.asarray, arrays_from_log(log, dtype))
 
 
 def arrays_from_log(log: Log, dtype: Any = None, before: float | None = None) -> Sample:
-    """The same as numpy arrays, which cost JAX nothing until a program takes them.
+    """A log as filter input in NumPy arrays, which cost JAX nothing until a program takes them.
 
-    Of a part of a log ``before`` is the stamp, s, of the sample before it.
+    For a part of a log, ``before`` is the stamp, s, of the previous sample.
     """
     dt = np.diff(np.asarray(log.t, np.float64), prepend=log.t[0] if before is None else before)
-    dt = np.minimum(dt, LONG_PAUSE)  # by then the bias is as unknown as before the log; its variance must stay a number
+    dt = np.minimum(dt, LONG_PAUSE)  # by then the bias is as uncertain as before the log; its variance must stay finite
     temperature = fill_temperature(log.t, log.temperature) if np.isfinite(log.temperature).any() else None
     columns = {name: column.at(log.t) for name, column in log.columns.items()}
     rezeroed = np.asarray(log.is_rezeroed(log.t, before), float) if log.rezeroed_at else None
@@ -47,7 +47,7 @@ def arrays_from_log(log: Log, dtype: Any = None, before: float | None = None) ->
 
 
 def settled_at(t: Array, params: Params) -> float:
-    """s, of the log's time, when the known effects have forgotten how they began; the first stamp if none remembers.
+    """Log time, s, at which the known effects have forgotten their initial state; the first stamp if none has memory.
 
     The stamps t (T,) s are those of the whole log.
     """
@@ -55,16 +55,16 @@ def settled_at(t: Array, params: Params) -> float:
 
 
 def waiting(effects: Values, duration: float, catalogue: Mapping[str, Effect] | None = None) -> float:
-    """s, from the start of a log that lasts so many, until effects have forgotten how they began; 0 if none remembers.
+    """Time, s, from the start of a log of this duration until effects forget their initial state; 0 if none has memory.
 
-    A mass that swings, a tool on springs or a low-pass of the sensor is taken as settled at the first sample. If the
-    arm moves there, the readings are off by what is left of that, and would be taken for bias.
+    A swinging mass, a tool on springs or a low-pass filter in the sensor is taken as settled at the first sample. If
+    the arm moves there, the remaining transient offsets the readings and would be taken for bias.
     """
     return min(-np.log(FORGOTTEN) * forgetting_time(effects, catalogue), LONGEST, MOST * duration)
 
 
 def without_unsettled(samples: Sample, t: Array, params: Params) -> Sample:
-    """The samples of a whole log (effects need it whole) at t (T,) s without the wrench before it has settled."""
+    """Samples of a whole log (effects need it whole) at t (T,) s, without the wrench before the effects settle."""
     unsettled = np.asarray(t) < settled_at(t, params)
     return samples._replace(wrench=np.where(unsettled[:, None], np.nan, samples.wrench)) if unsettled.any() else samples
 
@@ -77,13 +77,13 @@ def samples_of(params: Params, log: Log) -> Sample:
 
 
 def room_for(length: int, least: int = 512) -> int:
-    """Rows of the shortest program that takes so many: by default 512, 768, 1024, 1536 and so on."""
+    """Rows of the smallest program that takes this many samples: by default 512, 768, 1024, 1536 and so on."""
     half = 1 << max(0, (length - 1).bit_length() - 1)
     return max(least, half + half // 2 if length <= half + half // 2 else 2 * half)
 
 
 def first_position(q: Array) -> Array:
-    """First finite position of every joint; (T, n) -> (n,) rad, NaN if there is none: ``first_measured`` in numpy."""
+    """First finite position of every joint; (T, n) -> (n,) rad, NaN if there is none: ``first_measured`` in NumPy."""
     q = np.asarray(q)
     return q[np.isfinite(q).argmax(0), np.arange(q.shape[1])]
 
@@ -91,7 +91,7 @@ def first_position(q: Array) -> Array:
 def pad(samples: Sample, length: int) -> Sample:
     """Lengthen a log by samples that change nothing (dt = 0, all NaN), so that logs stack for vmap.
 
-    Where it is of numpy arrays it stays so: of every other length JAX would compile a program of its own.
+    NumPy arrays stay NumPy arrays, because JAX would compile a separate program for every other length.
     """
     missing = length - samples.dt.shape[0]
     if missing < 0:

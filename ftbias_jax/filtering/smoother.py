@@ -1,15 +1,15 @@
 """Joints and bias given the whole log, past and future: the smoother of Rauch, Tung and Striebel (1965).
 
-Of many small filters at once, over their tracks, and without a subtraction of covariances.
+It smooths many small filters together, over their tracks, without subtracting covariances.
 
-With Q' = A^-1 Q A^-T, the process noise seen from before the step, the smoother's gain times A is I - K with
-K = Q' (P + Q')^-1, and
+With Q' = A^-1 Q A^-T, the process noise referred to the state before the step, the smoother's gain times A is I - K
+with K = Q' (P + Q')^-1, and
 
     x_smooth = x + (I - K) (A^-1 x_next - x)
     P_smooth = K P K^T + (I - K) (Q' + A^-1 P_next A^-T) (I - K)^T
 
-K is small where little happens in a step, and it is computed as such: textbooks take it as the difference of two
-matrices that are nearly equal. So covariances are sums of squares, right in float32 too.
+K is small where the process noise of a step is small, and it is computed as such; textbooks take it as the difference
+of two nearly equal matrices. So covariances are sums of squares and accurate in float32 too.
 """
 
 from functools import partial
@@ -65,11 +65,11 @@ def smooth_joints(params: Params, state: State, samples: Sample, options: Option
 def smoothed_joints(
     noise: JointNoise, dt: Float[Array, " T"], q: Float[Array, "T n"], dq: Float[Array, "T n"], *, model: str
 ) -> Gaussian:
-    """The same by a program of its own, which setups share whatever they know of the wrench.
+    """Smoothed joint states by a separate program, which setups share whatever they state about the wrench.
 
     Args:
-        noise: of the joint filter.
-        dt: (T,) s since the sample before.
+        noise: noise model of the joint filter.
+        dt: (T,) s since the previous sample.
         q: (T, n) rad, NaN = not measured.
         dq: (T, n) rad/s, NaN = not measured.
         model: key of process_models.JOINT_MODELS.
@@ -79,7 +79,7 @@ def smoothed_joints(
 
 
 def smooth_joint_tracks(params: Params, state: State, samples: Sample, options: Options) -> Smoothed:
-    """The same with the axes of a track."""
+    """Smoothed joint states with the axes of a track."""
     return _smooth(options.joint_model, joint_inputs(params.joint, state.joint, samples))
 
 
@@ -102,10 +102,10 @@ def smooth_track(model: ProcessModel, inputs: Inputs, track: Track) -> Smoothed:
 def smooth_back(
     model: ProcessModel, density: Any, restart: Vector, after: Packed, before: tuple[Array, Any, Packed]
 ) -> Packed:
-    """The same for states whose entries are apart, given the smoothed state that follows them.
+    """Smoothed states with their entries kept apart, given the smoothed state that follows them.
 
-    Before it are (T, 1) s from each state to the next, what drives the process there, and the filtered states (T, B).
-    A filter starts again from these variances of its first two entries.
+    ``before`` holds the time (T, 1) s from each state to the next, the inputs that drive the process there, and the
+    filtered states (T, B). ``restart`` are the variances of its first two entries from which a filter restarts.
     """
     step_back = _damped_step if isinstance(density, tuple) else _step
 
@@ -117,7 +117,7 @@ def smooth_back(
             P, P_after = from_upper(k, triangle), from_upper(k, after[1])
             A, Q = model(dt_after, driven(density, drive))
             ahead = plus(congruence(A, P), Q)
-            # A filter that started again at the next sample learned nothing of its past.
+            # A filter that restarted at the next sample has no information from its past.
             apart = (ahead[0][0] > restart[0]) & (ahead[1][1] > restart[1])
             mean, covariance = step_back(A, Q, x, P, after[0], P_after)
             new = mean, upper(covariance)
@@ -130,7 +130,7 @@ def smooth_back(
 
 
 def _step(A: Table, Q: Table, x: Vector, P: Rows, x_after: Vector, P_after: Rows) -> tuple[Vector, Rows]:
-    """One step back; arguments as in the head of the module."""
+    """One step backward; symbols as in the module's docstring."""
     k = len(x)
     back = _inverse(A)
     noise = congruence(back, Q)
@@ -143,7 +143,7 @@ def _step(A: Table, Q: Table, x: Vector, P: Rows, x_after: Vector, P_after: Rows
 
 
 def _damped_step(A: Table, Q: Table, x: Vector, P: Rows, x_after: Vector, P_after: Rows) -> tuple[Vector, Rows]:
-    """The same where A forgets and has no inverse after a gap: with the gain G = P A^T (A P A^T + Q)^-1.
+    """One step backward where A decays and has no inverse after a gap, with the gain G = P A^T (A P A^T + Q)^-1.
 
     x_smooth = x + G (x_next - A x),    P_smooth = (I - G A) P (I - G A)^T + G (Q + P_next) G^T
     """
@@ -159,7 +159,7 @@ def _damped_step(A: Table, Q: Table, x: Vector, P: Rows, x_after: Vector, P_afte
 
 
 def _inverse(A: Table) -> Table:
-    """Of an upper triangular matrix with ones on its diagonal."""
+    """Inverse of an upper triangular matrix with ones on its diagonal."""
     k = len(A)
     inverse: list[list[Entry]] = [[int(a == b) for b in range(k)] for a in range(k)]
     for b in range(k):
@@ -169,12 +169,12 @@ def _inverse(A: Table) -> Table:
 
 
 def _solve(S: Rows, right: Rows) -> Rows:
-    """S^-1 M for a positive definite S, by Cholesky's method without roots."""
+    """S^-1 M for a positive definite S and M = ``right``, by the Cholesky decomposition without square roots."""
     k = len(S)
     lower, pivot = [[S[a][b] for b in range(k)] for a in range(k)], []
     rows = [list(row) for row in right]
     for c in range(k):
-        # Zero where nothing is uncertain and nothing happens: such rows are zero on the right as well.
+        # A pivot is zero where nothing is uncertain and no noise enters; such rows are zero on the right as well.
         pivot.append(jnp.where(lower[c][c] > 0, lower[c][c], 1))
         for a in range(c + 1, k):
             factor = lower[a][c] / pivot[c]

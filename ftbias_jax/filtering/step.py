@@ -1,7 +1,7 @@
 """The whole method as one pure step: joint filter, sensor kinematics, bias filter.
 
-``step`` is the single definition; ``pipeline.scan_steps`` is ``lax.scan`` of it, online use is calling it, and every
-faster route, ``pipeline.run`` first, is tested equal to it. Arrays decide the precision: float32 in, float32 through;
+``step`` is the single definition; ``pipeline.scan_steps`` is ``lax.scan`` of it, online use calls it, and every faster
+route, ``pipeline.run`` first, is tested equal to it. The arrays decide the precision: float32 in, float32 throughout;
 float64 needs JAX's x64 mode.
 """
 
@@ -29,17 +29,17 @@ from ftbias_jax.types import Gaussian, Sample
 
 
 class Options(NamedTuple):
-    """Choices that change the program, not its numbers: static under jit."""
+    """Choices that change the program rather than its numbers: static under jit."""
 
     joint_model: str = "integrated_jerk"
     """Key of process_models.JOINT_MODELS."""
     uncertain_joints: bool = True
-    """Whether the joint filter's covariance, pushed through D theta, is added to R at every sample: the variance of
-    each axis without the correlation between them, so that the axes stay independent filters. False is the report to
-    the letter: error bars are far too small while the arm accelerates."""
+    """Whether the joint filter's covariance, propagated through D theta, is added to R at every sample: the variance of
+    each axis without the correlation between them, so that the axes stay independent filters. False follows the report
+    to the letter: error bars are far too small while the arm accelerates."""
     gate: float | None = None
-    """A wrench with any axis this many standard deviations off its prediction is not used (bias_filter); None = all
-    are."""
+    """Standard deviations: a wrench with any axis further off its prediction is not used (bias_filter); None = no
+    gate."""
 
 
 DEFAULT_OPTIONS = Options()
@@ -49,29 +49,29 @@ class State(NamedTuple):
     """State of the pipeline between two samples."""
 
     joint: Gaussian
-    """mean (n, 3) of (q, dq, ddq), covariance (n, 3, 3)."""
+    """Mean (n, 3) of (q, dq, ddq), covariance (n, 3, 3)."""
     bias: Gaussian
-    """mean (12,) of (bias, drift), covariance (12, 12); with correlated noise (18,) of (bias, drift, noise)."""
+    """Mean (12,) of (bias, drift), covariance (12, 12); with correlated noise (18,) of (bias, drift, noise)."""
 
 
 class Info(NamedTuple):
-    """What a step learned; smoothing, tuning and diagnosis read only this. Many steps have a leading time axis."""
+    """Innovations and likelihood of a step, all that smoothing, tuning and diagnosis read; many have a time axis."""
 
     joint: Innovation
-    """of (q, dq), with a leading joint axis."""
+    """Innovation of (q, dq), with a leading joint axis."""
     wrench: Innovation
-    """of y = D theta - W."""
+    """Innovation of y = D theta - W."""
     wrench_tool: Float[Array, "... 6"]
     """(6,) D theta, N and Nm, sensor frame."""
     log_likelihood: Float[Array, " ..."]
-    """() increment: all joints and the wrench."""
+    """() increment of the log-likelihood by all joints and the wrench."""
 
 
 Emit = Callable[[State, Info], Any]
 
 
 def options_from_setup(setup: Setup) -> Options:
-    """The choices that a setup makes."""
+    """Options that a setup states."""
     return Options(joint_model=setup.joints.model, gate=setup.bias.gate)
 
 
@@ -88,11 +88,11 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
     Args:
         params: robot, tool and noise as stated or fitted.
         state: after the previous sample.
-        sample: dt (), q and dq (n,), wrench (6,); NaN = not measured, a whole sample, one stream or one axis.
+        sample: dt (), q and dq (n,), wrench (6,); NaN = not measured, for a whole sample, one stream or one axis.
         options: choices of the program, static under jit.
 
     Returns:
-        the state after the sample, and what it said.
+        the state after the sample, and its innovations and likelihood.
     """
     if params.effects is not None:
         raise ValueError("known effects act on whole logs, not on single samples: use pipeline.run")

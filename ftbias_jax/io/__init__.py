@@ -1,4 +1,4 @@
-"""Recorded logs: one module a format, one check for all, one merged timeline out."""
+"""Reading recorded logs: one module per format, one common check, one merged timeline as the result."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,22 +22,22 @@ from ftbias_jax.types import Array
 GivenLog = Log | str | os.PathLike[str]
 """A log of motion, or its path."""
 GivenMotion = Log | Poses | str | os.PathLike[str]
-"""The same, or static poses."""
+"""A log of motion, static poses, or the path of either."""
 _OF_TIME = ("t", "time", "t_joints")
-"""Fields that a log without time, or with too little of it, is refused for."""
+"""``LogError.field`` of a log whose stamps are missing or implausible: the file may hold static poses."""
 
 
 def read_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False, raw: bool = False) -> Log:
-    """Read a log in the format that its suffix names, or a ROS 2 bag's folder, and clean it.
+    """Read a log in the format of its suffix, or a ROS 2 bag's folder, and clean it.
 
-    Samples that came a little late are put in order, repeated stamps, stuck axes and samples at the end of the sensor's
-    range are left out; ``repairs`` of the log counts all of that.
+    Samples that arrived slightly late are sorted; repeated stamps, stuck axes and samples at the end of the sensor's
+    range are left out. ``repairs`` of the log counts all of these.
 
     Args:
-        path: the file; any of them if [log.files] of the setup names several; or a URL (extra ``remote``).
-        setup: gives the number and names of the joints, the sensor's sign, and column names.
-        salvage: of a damaged ROS recording, read what is whole.
-        raw: leave samples of stuck and clipped axes and repeats in, as recorded; ``repairs`` names them.
+        path: the file, or a URL (extra ``remote``); any one of the files if [log.files] of the setup names several.
+        setup: gives the number and names of the joints, the sign convention of the sensor, and column names.
+        salvage: read the undamaged part of a damaged ROS recording.
+        raw: keep samples of stuck and clipped axes and repeats as recorded; ``repairs`` lists them.
 
     Raises:
         LogError: the file cannot be read, or cannot be filtered with this setup (see ``check_log``).
@@ -47,10 +47,10 @@ def read_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
 
 
 def each_of(logs: GivenMotion | Iterable[GivenMotion], executor: Executor | None = None) -> Iterable[Any]:
-    """Logs or their paths as they are given, one alone as a list; paths as the workers of an executor find them.
+    """Return logs or paths as an iterable: a single one as a list, paths made absolute for the workers of an executor.
 
     Raises:
-        UsageError: arrays by name, such as a table in memory.
+        UsageError: the argument holds arrays by name, such as a table in memory.
     """
     if hasattr(logs, "keys"):
         remedy = "make a log of arrays in memory by ft.Log.from_arrays(setup, t, q, wrench)"
@@ -61,10 +61,10 @@ def each_of(logs: GivenMotion | Iterable[GivenMotion], executor: Executor | None
 
 
 def as_log(log: object, setup: Setup, *, raw: bool = False) -> Log:
-    """What a verb is given for a log of motion, read as by ``read_log`` if it is a path.
+    """Return a log of motion unchanged, or read it as ``read_log`` does if a path is given.
 
     Raises:
-        UsageError: it is neither. LogError: as of ``read_log``.
+        UsageError: the argument is neither. LogError: see ``read_log``.
     """
     if isinstance(log, str | os.PathLike):
         return read_log(log, setup, raw=raw)
@@ -75,10 +75,10 @@ def as_log(log: object, setup: Setup, *, raw: bool = False) -> Log:
 
 
 def as_logs(logs: GivenLog | Iterable[GivenLog], setup: Setup, *, raw: bool = False) -> list[Log]:
-    """The same of one log or of several.
+    """Return one or several logs as a list, each read by ``as_log`` if it is a path.
 
     Raises:
-        UsageError: there is none. Others as of ``as_log``.
+        UsageError: no log is given. Others: see ``as_log``.
     """
     read = [as_log(log, setup, raw=raw) for log in each_of(logs)]
     if not read:
@@ -87,28 +87,28 @@ def as_logs(logs: GivenLog | Iterable[GivenLog], setup: Setup, *, raw: bool = Fa
 
 
 def names_of(logs: Sequence[Log]) -> list[str]:
-    """The names of the files of logs; "log 1", "log 2" and so on of those that came from memory."""
+    """File names of logs; "log 1", "log 2" and so on for those from memory."""
     return [Path(shown(log.file)).name or f"log {i}" for i, log in enumerate(logs, 1)]
 
 
 def as_motion(log: GivenMotion, setup: Setup) -> Log | Poses:
-    """What a verb is given for a log of motion or for static poses, read as by ``read_motion`` if it is a path."""
+    """Return a log of motion or static poses unchanged, or read either by ``read_motion`` if a path is given."""
     if isinstance(log, str | os.PathLike):
         return read_motion(log, setup)
     return log if isinstance(log, Poses) else as_log(log, setup)
 
 
 def read_motion(path: str | os.PathLike[str], setup: Setup) -> Log | Poses:
-    """A log as of ``read_log``, or the static poses of a table without time, or of one with about 1 Hz or less.
+    """Read a log as ``read_log`` does, or static poses from a table without time or with a rate of about 1 Hz or less.
 
     Raises:
-        LogError: it is neither; the message is that of ``read_log``.
+        LogError: the file holds neither; the message is that of ``read_log``.
     """
     return or_poses(read_log, path, setup)
 
 
 def or_poses(read: Callable[..., Log], path: str | os.PathLike[str], setup: Setup, **choices: bool) -> Log | Poses:
-    """As ``read_motion``, where ``read`` is ``read_log``, perhaps with choices of its own, or ``read_recorded``."""
+    """Read as ``read_motion`` does, by ``read``: ``read_log``, maybe with ``choices`` for it, or ``read_recorded``."""
     try:
         return read(path, setup, **choices)
     except LogError as error:
@@ -122,7 +122,7 @@ def or_poses(read: Callable[..., Log], path: str | os.PathLike[str], setup: Setu
 
 
 def read_recorded(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> Log:
-    """As ``read_log``, before anybody has looked whether the sensor was in order."""
+    """Read a log as ``read_log`` does, but without the cleaning of sensor faults."""
     file = os.fspath(path)
     if setup.log.files:
         return read_files(path, setup, salvage=salvage)._replace(file=file)
@@ -149,24 +149,24 @@ def log_of_arrays(
     columns: Mapping[str, Array] | None = None,
     raw: bool = False,
 ) -> Log:
-    """A log from arrays in memory, checked and cleaned as one that ``read_log`` reads.
+    """Make a log from arrays in memory, checked and cleaned as one that ``read_log`` reads.
 
-    ``Log.from_arrays`` is this.
+    Also available as ``Log.from_arrays``.
 
     Args:
-        setup: gives the number of joints and the sensor's sign.
-        t: (T,) stamps: floating point in s, or integers in ns; any origin. Or a pair of them, (J,) for the joints
-            or the pose and (W,) for wrench and temperature, if the two streams have stamps of their own.
+        setup: gives the number of joints and the sign convention of the sensor.
+        t: (T,) stamps: floating point in s, or integers in ns; any origin. Or a pair of these, (J,) for the joints
+            or the pose and (W,) for wrench and temperature, if the two streams have separate stamps.
         q: (T, n) rad (m); None if the setup has a sensor_pose.
         wrench: (T, 6) N, Nm, sensor frame, as the sensor reports it. NaN = not measured, here and elsewhere.
         dq: (T, n) rad/s (m/s), or None.
         temperature: (T,) deg C, or None.
         orientation: (T, 4) or (T, 3, 3) of the sensor's mount in the base frame, as the setup's sensor_pose states.
-        position: (T, 3) m, base frame, of the same.
+        position: (T, 3) m, position of the sensor's mount, base frame.
         angular_velocity: (T, 3) rad/s of an IMU, as the setup's sensor_pose states.
-        specific_force: (T, 3) m/s^2, acceleration less gravity, of the same.
-        columns: name -> (T,) further quantities for effects to see, at the stamps (of the wrench).
-        raw: leave samples of stuck and clipped axes and repeats in, as recorded; ``repairs`` names them.
+        specific_force: (T, 3) m/s^2, acceleration minus gravity, of the same IMU.
+        columns: name -> (T,) further quantities that effects can use, at the stamps (of the wrench).
+        raw: keep samples of stuck and clipped axes and repeats as recorded; ``repairs`` lists them.
 
     Raises:
         LogError: shapes disagree, the clock was set back, a value is infinite, or there is no motion or no wrench.

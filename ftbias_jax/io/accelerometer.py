@@ -1,7 +1,7 @@
-"""An accelerometer's offset and gains, by gravity as the recorded orientation has it.
+"""Calibration of an accelerometer's offset and gains against gravity, by the recorded orientation.
 
-A MEMS accelerometer is off by some hundredths of gravity, and differently in each orientation. Added up to a velocity
-that grows by the second; as an acceleration it moves the bias of a tool of one kilogram by tenths of a newton.
+A MEMS accelerometer is off by some hundredths of gravity, and differently in each orientation. Integrated to a velocity
+this grows with every second; as an acceleration it shifts the bias of a tool of one kilogram by tenths of a newton.
 """
 
 from typing import NamedTuple
@@ -12,49 +12,48 @@ from jaxtyping import Float
 BLOCK = 0.2
 """s over which samples are averaged: longer than vibration, shorter than a motion."""
 PRIOR_STD = np.array([0.5, 0.03, 0.03, 0.03])
-"""m/s^2 of offset, and per m/s^2 along each axis: what an accelerometer may be off by before the log says more (MEMS:
-50 mg of offset, 3 % of gain and of misalignment)."""
+"""Prior standard deviations of an accelerometer's offset, m/s^2, and of its gain along each axis, per m/s^2 (MEMS: 50
+mg of offset, 3 % of gain and of misalignment)."""
 NOISE = 0.02
-"""m/s^2: of a block at rest."""
+"""m/s^2, noise of the mean of a block at rest."""
 NEAR = 2
-"""Blocks before and after one that must be as quiet, for it to be at rest."""
+"""Blocks before and after a block that must be as quiet for it to be at rest."""
 HEAVY_TAILS = 3.0
 """Degrees of freedom of Student's t: the sensor's own acceleration is rare and large."""
 MEDIAN = 0.6745
-"""Of the sizes of normal numbers, in standard deviations."""
+"""Median magnitude of a normal variable, in standard deviations."""
 ROUNDS, LEAST_BLOCKS = 30, 8
 LEAST_GAIN = 12.0
-"""nats over an accelerometer that is right, beyond the price of twelve numbers: half the logarithm of the number of
-blocks each (BIC)."""
+"""nats of log likelihood over an accelerometer without error, beyond the penalty for twelve parameters: half the
+logarithm of the number of blocks each (BIC)."""
 MISTAKE = 3.0
-"""A priori standard deviations beyond which it is no error of an accelerometer, but a mistake of axes or units."""
+"""Prior standard deviations beyond which an estimate is no accelerometer error but a mistake of axes or units."""
 
 
 class Calibration(NamedTuple):
-    """What to take off a specific force, in the sensor's axes."""
+    """Correction to subtract from a specific force, in the sensor's axes."""
 
     correction: Float[np.ndarray, "N 3"]
-    """(N, 3) m/s^2; 0 where the log is too restless to show more than chance would."""
+    """(N, 3) m/s^2; 0 if the log has too much motion to show more than chance would."""
     std: Float[np.ndarray, " 3"]
-    """(3,) m/s^2, standard deviation of what is left, in the orientation in which it is known worst."""
+    """(3,) m/s^2, standard deviation of the remaining error, in the orientation in which it is largest."""
 
 
 def calibrate_accelerometer(
     t: Float[np.ndarray, " N"], specific_force: Float[np.ndarray, "N 3"], against_gravity: Float[np.ndarray, "N 3"]
 ) -> Calibration | None:
-    """Offset b and gains G with specific force = b + (1 + G) (-gravity) + motion, by the robust mean of all motion.
+    """Fit offset b and gains G of specific force = b + (1 + G) (-gravity) + motion, by the robust mean of all motion.
 
-    What a robot's sensor accelerates by is near zero most of the time, and at rest exactly. Blocks weigh less where the
-    force changes, and are judged by Student's t (Lange, Little and Taylor, 1989).
+    The acceleration of a robot's sensor is near zero most of the time, and zero at rest. Blocks weigh less where the
+    force changes, and residuals follow Student's t (Lange, Little and Taylor, 1989).
 
     Args:
         t: (N,) s, increasing.
-        specific_force: (N, 3) m/s^2, acceleration less gravity, sensor axes.
-        against_gravity: (N, 3) m/s^2, minus gravity in the sensor's axes, by the orientation.
+        specific_force: (N, 3) m/s^2, acceleration minus gravity, sensor axes.
+        against_gravity: (N, 3) m/s^2, minus gravity in the sensor's axes, from the orientation.
 
     Returns:
-        the correction; None where the log is too short to tell, or where it would be so large that it must be a
-        mistake.
+        the correction; None if the log is too short, or if the correction is so large that it must be a mistake.
     """
     count = int((t[-1] - t[0]) / BLOCK) if len(t) else 0
     if count < LEAST_BLOCKS:
@@ -86,11 +85,11 @@ class _Axis(NamedTuple):
     numbers: Float[np.ndarray, " 4"]
     covariance: Float[np.ndarray, "4 4"]
     gain: float
-    """nats over an axis that is right."""
+    """nats of log likelihood over an axis without error."""
 
 
 def _robust(design: Float[np.ndarray, "B 4"], values: Float[np.ndarray, " B"]) -> _Axis:
-    steps = np.pad(np.abs(np.gradient(values)), NEAR, mode="edge")  # the peaks of an oscillation are no rest
+    steps = np.pad(np.abs(np.gradient(values)), NEAR, mode="edge")  # the peaks of an oscillation do not count as rest
     around = np.lib.stride_tricks.sliding_window_view(steps, 2 * NEAR + 1).max(1)
     scale, prior = np.hypot(NOISE, 2 * around), np.diag(PRIOR_STD**-2.0)
     numbers = np.zeros(4)
@@ -107,7 +106,7 @@ def _robust(design: Float[np.ndarray, "B 4"], values: Float[np.ndarray, " B"]) -
 
 
 def _correlation(scores: Float[np.ndarray, " B"]) -> float:
-    """How many blocks in a row count as one: their correlations summed up to the first that is none."""
+    """Number of consecutive blocks that count as one: autocorrelations summed up to the first that is not positive."""
     total, power = 1.0, float(scores @ scores)
     for lag in range(1, len(scores) // 2):
         alike = float(scores[lag:] @ scores[:-lag]) / max(power, 1e-300)

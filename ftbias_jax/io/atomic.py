@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, JSON among them, and the folders for them."""
+"""Atomic writing of files, reading and writing of JSON, and folders for results."""
 
 import json
 import os
@@ -14,7 +14,7 @@ from ftbias_jax.setup.save import write_atomic as write_atomic
 from ftbias_jax.setup.save import write_text
 
 MAX_JSON = 64 << 20
-"""Bytes of a JSON file that is read."""
+"""Maximum size in bytes of a JSON file that is read."""
 
 
 def write_json(path: str | os.PathLike[str], content: Mapping[str, Any] | list[Any]) -> None:
@@ -23,7 +23,7 @@ def write_json(path: str | os.PathLike[str], content: Mapping[str, Any] | list[A
 
 
 def plain(value: Any) -> Any:
-    """What ``write_json`` writes of a value, all the way down: lists of arrays, None for what is not finite."""
+    """Convert a value recursively to what ``write_json`` writes: arrays to lists, non-finite numbers to None."""
     match value:
         case Mapping():
             return {str(key): plain(item) for key, item in value.items()}
@@ -37,10 +37,10 @@ def plain(value: Any) -> Any:
 
 
 def read_json(path: str, what: str, refusal: type[FtbiasError] = LogError) -> Any:
-    """What a JSON file holds; ``what`` it should be is for messages.
+    """Read the content of a JSON file; ``what`` is the expected content, for messages.
 
     Raises:
-        FtbiasError: of the kind ``refusal``: it cannot be read, is larger than MAX_JSON, or is no JSON.
+        FtbiasError: a ``refusal``, if the file cannot be read, is larger than MAX_JSON, or is no JSON.
     """
     try:
         with open(path, "rb") as file:
@@ -55,7 +55,7 @@ def read_json(path: str, what: str, refusal: type[FtbiasError] = LogError) -> An
 
 
 def make_folder_inside(folder: str, path: str) -> None:
-    """Make the folder of a result in a folder of results; no folder between them may be a link."""
+    """Make the folder ``path`` of a result inside ``folder``; no folder between them may be a link."""
     place = folder
     for part in Path(os.path.relpath(path, folder)).parts:
         place = os.path.join(place, part)

@@ -1,7 +1,7 @@
-"""One budget a file: bytes that it may unpack to and records that it may hold, checked before memory or time is taken.
+"""Budget of one file: bytes it may unpack to and records it may hold, checked before memory or time is spent.
 
-A few kilobytes can declare, or truly unpack to, any number of bytes. What a file may cost is therefore tied to what is
-stored of it. Decompression never yields more bytes than were declared, and refuses declarations that no log needs.
+A few kilobytes can declare, or really unpack to, any number of bytes. The limits of a file therefore depend on its
+stored size. Decompression never yields more bytes than were declared, and refuses declarations that no log needs.
 """
 
 import bz2
@@ -13,31 +13,32 @@ from ftbias_jax.errors import LogError, OutputError, UsageError
 from ftbias_jax.files import no_regular_file
 
 MEMORY, MEMORY_VARIABLE = 1.0, "FTBIAS_MEMORY"
-"""GiB that reading and judging a log in memory may take, and the variable that states another number."""
+"""GiB of memory for reading and judging a log, and the environment variable that overrides it."""
 COPIES = 3
-"""Times that the numbers of a log are in memory: as read, merged and cleaned, and while it is filtered or judged."""
+"""Copies of a log's numbers in memory: as read, merged and cleaned, and while it is filtered or judged."""
 MAX_BYTES = 16 << 30
-"""Of numbers in one log, decoded: a day of seven joints and a wrench at 1 kHz are 15 GB in float64."""
+"""Maximum bytes of the decoded numbers of one log: a day of seven joints and a wrench at 1 kHz are 15 GB in float64."""
 MAX_RATIO = 100
-"""Of unpacked to stored bytes, of all parts of a file together: measured logs, which have noise, stay below 20."""
+"""Maximum ratio of unpacked to stored bytes over a whole file; measured logs, which have noise, stay below 20."""
 SMALL = 256 << 20
-"""Unpacked bytes that are no danger whatever the ratio: an arm at rest, all zeros or all NaN, compresses a
+"""Unpacked bytes that are accepted whatever the ratio: an arm at rest, all zeros or all NaN, compresses a
 thousandfold."""
 MAX_CHUNK = 256 << 20
-"""Unpacked bytes of one chunk or message of a recording; recorders write chunks of a megabyte, cameras of some ten."""
+"""Maximum unpacked bytes of a chunk or message of a recording; recorders write chunks of 1 MB, cameras of some 10
+MB."""
 SMALL_RECORDING = 64 << 20
-"""As SMALL, of all chunks and messages of a recording."""
+"""Like SMALL, for all chunks and messages of a recording together."""
 FEW_RECORDS = 200_000
-"""Records that any recording may hold; they take a second or two."""
+"""Number of records that any recording may hold; reading these takes a second or two."""
 LEAST_RECORD = 8
-"""Stored bytes a record in larger recordings: less than the smallest message takes, compressed."""
+"""Minimum stored bytes per record in larger recordings: less than the smallest message takes, compressed."""
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _SECTOR = 512
 
 
 def most_held() -> int:
-    """Bytes of numbers that a log held in memory may have, for the stated memory to suffice."""
+    """Maximum bytes of numbers of a log held in memory, so that the stated memory suffices."""
     stated = os.environ.get(MEMORY_VARIABLE, str(MEMORY))
     try:
         gibibytes = float(stated)
@@ -61,7 +62,7 @@ def refuse_held(count: int, file: str) -> None:
 
 
 class Budget:
-    """What is left for one file; every method raises a LogError when there is not enough."""
+    """Remaining budget of one file; every method raises a LogError when it is exceeded."""
 
     def __init__(self, file: str | os.PathLike[str], small: int | None = None) -> None:
         self.file = os.fspath(file)
@@ -83,7 +84,7 @@ class Budget:
         self.records = max(FEW_RECORDS, self.stored // LEAST_RECORD)
 
     def hold(self, count: int, field: str = "") -> None:
-        """Take ``count`` bytes of numbers, which are kept until the log is read."""
+        """Charge ``count`` bytes of numbers, which stay in memory until the log is read."""
         self.numbers -= count
         self.held += count
         if self.numbers < 0:
@@ -93,14 +94,14 @@ class Budget:
         refuse_held(self.held, self.file)
 
     def unpack(self, count: int) -> None:
-        """Take ``count`` bytes that are unpacked, and gone before the next ones."""
+        """Charge ``count`` unpacked bytes, which are released before the next ones."""
         self.bytes -= count
         if self.bytes < 0:
             message = f"unpacks to more than {self.limit} bytes, {self.stored} are stored"
             raise LogError(message, file=self.file, remedy="that looks like a decompression bomb; unpack it yourself")
 
     def count(self, records: int = 1) -> None:
-        """Take records, or places at which one was looked for."""
+        """Charge records, or places that were searched for one."""
         self.records -= records
         if self.records < 0:
             message = f"holds too many records for its {self.stored} bytes"
@@ -108,7 +109,7 @@ class Budget:
 
 
 class UnpackError(Exception):
-    """The bytes are damaged, or unpack to another size than declared; the message is a clause for ours."""
+    """The bytes are damaged, or unpack to another size than declared; the message is a clause of the caller's."""
 
 
 def unpack(compression: str, packed: bytes, size: int, budget: Budget) -> bytes:
@@ -127,7 +128,7 @@ def unpack(compression: str, packed: bytes, size: int, budget: Budget) -> bytes:
 
 
 def unpack_cut(compression: str, packed: bytes, size: int, budget: Budget) -> bytes:
-    """What can be had of a chunk whose end is missing, at most the bytes it declares."""
+    """Decompress what is left of a chunk whose end is missing, at most the bytes it declares."""
     if compression in ("", "none"):
         return packed[:size]
     size = min(size, MAX_CHUNK)
@@ -136,7 +137,7 @@ def unpack_cut(compression: str, packed: bytes, size: int, budget: Budget) -> by
 
 
 def unpack_message(data: bytes, budget: Budget) -> bytes:
-    """The message itself, which rosbag2 may have compressed alone without saying so; CDR never starts like zstd."""
+    """Decompress a message if rosbag2 has compressed it separately without marking it; CDR never starts like zstd."""
     if not data.startswith(ZSTD_MAGIC):
         return data
     most = min(MAX_CHUNK, budget.bytes)
@@ -148,7 +149,7 @@ def unpack_message(data: bytes, budget: Budget) -> bytes:
 
 
 def need(module: str, extra: str, file: object = "", *, writes: bool = False) -> Any:
-    """An optional dependency, imported; if it is not installed, the remedy names the extra that brings it."""
+    """Import an optional dependency; if it is not installed, the remedy names the extra that includes it."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
@@ -158,7 +159,7 @@ def need(module: str, extra: str, file: object = "", *, writes: bool = False) ->
 
 
 def _bounded(compression: str, packed: bytes, limit: int) -> bytes:
-    """At most ``limit`` bytes of what is packed."""
+    """Decompress at most ``limit`` bytes."""
     try:
         if compression == "bz2":
             return bz2.BZ2Decompressor().decompress(packed, limit)
@@ -168,6 +169,6 @@ def _bounded(compression: str, packed: bytes, limit: int) -> bytes:
             return bytes(need("zstandard", "ros").ZstdDecompressor().stream_reader(packed).read(limit))
     except LogError:
         raise
-    except Exception as error:  # the three packages have an exception each, and lz4 raises plain RuntimeError
+    except Exception as error:  # each of the three packages has its own exception, and lz4 raises RuntimeError
         raise UnpackError(f"cannot be unpacked: {error}") from error
     raise UnpackError(f"has the unknown compression {compression[:40]!r}")

@@ -1,6 +1,6 @@
-"""What every log must be before it is filtered, whatever its format; the one place where signs and stamps change.
+"""Checks that every log must pass, whatever its format; the one place where signs and stamps are changed.
 
-Streams with stamps of their own come on one merged timeline, without interpolation.
+Streams with separate stamps are merged on one timeline, without interpolation.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,17 +18,17 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 LARGEST = 1e20
-"""In size, of joints and wrenches in any unit: what is beyond is an error, and its square no number of use."""
+"""Largest magnitude of joints and wrenches in any unit; a larger value is an error, and its square is unusable."""
 LOWEST_RATE, HIGHEST_RATE = 1.5, 5e4
-"""Hz: a log of 1000 Hz has 1 Hz if its ms are taken for s, one of 50 Hz has 50 kHz if its us are taken for ns."""
+"""Hz, plausible rates: 1000 Hz looks like 1 Hz if ms are taken for s, 50 Hz like 50 kHz if us are taken for ns."""
 PACKET = 64
-"""Readings that may arrive at once: the time between two says nothing of their rate."""
+"""Number of readings that may arrive in one packet; the time between two of these does not show the rate."""
 Part = tuple[Array, Mapping[str, Array]]
-"""Stamps of a stream in order, float64 s or int64 ns, and its arrays by the names of a log."""
+"""Stamps of a stream in order, float64 s or int64 ns, and its arrays by their names in ``Log``."""
 FURTHER = "="
-"""Begins the name of an array that is a further column, for effects to see; the setup's name of it follows."""
+"""Prefix of an array that holds a further column for effects to use; the setup's name of the column follows."""
 QUANTITIES = {"q": "position", "dq": "velocity", "wrench": "wrench", "temperature": "temperature"}
-"""Array of a log -> what [log.time_offsets] calls it."""
+"""Array of a log -> its key in [log.time_offsets]."""
 
 
 def check_log(
@@ -42,21 +42,21 @@ def check_log(
     file: str = "",
     repairs: Repairs = (),
 ) -> Log:
-    """A log that can be filtered, from arrays as they were recorded.
+    """Make a log that can be filtered from arrays as they were recorded.
 
     Args:
         t: (T,) stamps: floating point in s, or integers in ns; any origin.
         q: (T, n) rad.
         wrench: (T, 6) N, Nm, as the sensor reports it.
-        dq: (T, n) rad/s, or None. If the setup has a sensor_pose: both as for ``pose_entries``.
+        dq: (T, n) rad/s, or None. With a sensor_pose, q and dq are ``pose`` and ``rates`` of ``pose_entries``.
         temperature: (T,) deg C, or None. NaN = not measured.
-        setup: the joints, and the sign in which the sensor reports.
-        file: the name in messages.
-        repairs: what was mended to get so far.
+        setup: gives the joints and the sign convention of the sensor.
+        file: file name for error messages.
+        repairs: repairs made before this check.
 
     Returns:
-        float64 arrays in the order of their stamps (``put_in_order``): t relative to the first stamp (``start``), the
-        wrench on the tool, NaN for what is None.
+        float64 arrays sorted by stamp (``put_in_order``): t relative to the first stamp (``start``), the wrench exerted
+        on the tool, NaN for quantities that are None.
     """
     given = {"q": q, "dq": dq, "wrench": wrench, "temperature": temperature}
     recorded = {name: values for name, values in given.items() if values is not None}
@@ -81,15 +81,15 @@ def check_log(
 
 
 def check_samples(log: Log, setup: Setup, *, file: str = "", first: int = 0) -> Log:
-    """Samples as recorded, or the part of them from sample ``first`` on, as float64 with the sign of the report."""
+    """Check recorded samples, or a part from sample ``first`` on; return float64 in SI units with the report's sign."""
     length, n = len(log.t), len(setup.robot.joint_names)
     shapes = {"q": (length, n), "dq": (length, n), "wrench": (length, 6), "temperature": (length,)}
     floats = {name: _floats(getattr(log, name), shape, name, file, first) for name, shape in shapes.items()}
     if setup.log.angle_unit == "deg" and setup.pose is None:
-        turns = np.abs(setup.robot.screws[:, 3:]).sum(1) > 0  # what slides stays in m
+        turns = np.abs(setup.robot.screws[:, 3:]).sum(1) > 0  # prismatic joints stay in m
         floats |= {name: floats[name] * np.where(turns, np.pi / 180, 1.0) for name in ("q", "dq")}
     scale = np.repeat([FORCE_UNITS[setup.log.force_unit], TORQUE_UNITS[setup.log.torque_unit]], 3)
-    with np.errstate(invalid="ignore"):  # a damaged file may have NaN of the kind that raises
+    with np.errstate(invalid="ignore"):  # a damaged file may have signalling NaNs
         floats["wrench"] = floats["wrench"] * (-scale if setup.sensor.reports == "wrench_on_sensor" else scale)
     rezeroed_at = tuple(float(at - log.start) for at in setup.sensor.rezeroed_at)
     return log._replace(**floats, rezeroed_at=rezeroed_at)
@@ -98,7 +98,7 @@ def check_samples(log: Log, setup: Setup, *, file: str = "", first: int = 0) -> 
 def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "") -> None:
     """Refuse a log without motion or wrench, or with an implausible rate.
 
-    ``joints`` (n,) says whether each was ever measured; ``wrench_t`` (W,) s are the stamps at which any axis was.
+    ``joints`` (n,) states whether each was ever measured; ``wrench_t`` (W,) s are the stamps at which any axis was.
     """
     for name, measured in zip(setup.robot.joint_names, joints, strict=True):
         if not measured:
@@ -117,7 +117,7 @@ def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "
 
 
 def relative_seconds(t: Array, *, file: str = "") -> tuple[Array, float]:
-    """(T,) s from 0, of increasing stamps in s if floating point or ns if integer, and the first stamp in s."""
+    """(T,) s since the first of increasing stamps, s if floating point or ns if integer; and that stamp in s."""
     t = as_stamps(t, file=file)
     back = np.flatnonzero(t[1:] <= t[:-1])
     if back.size:
@@ -132,9 +132,9 @@ def relative_seconds(t: Array, *, file: str = "") -> tuple[Array, float]:
 
 
 def _floats(values: Array, shape: tuple[int, ...], field: str, file: str, first: int) -> Array:
-    """The values, from sample ``first`` on, as float64 of this shape.
+    """Values as float64, checked to have this shape; messages count samples from ``first``.
 
-    Infinities and numbers near them are refused, because they would poison what NaN only skips.
+    Infinities and values beyond LARGEST are refused: NaN is merely skipped, but these would corrupt the result.
     """
     values = np.asarray(values)
     if values.dtype.kind not in "fiu":
@@ -145,7 +145,7 @@ def _floats(values: Array, shape: tuple[int, ...], field: str, file: str, first:
         message = f"has shape {values.shape}, expected {shape}"
         raise LogError(message, file=file, field=field, remedy=f"{words}; the setup has the number of joints")
     values = values.astype(np.float64)
-    with np.errstate(invalid="ignore"):  # a damaged file may have NaN of the kind that raises
+    with np.errstate(invalid="ignore"):  # a damaged file may have signalling NaNs
         beyond = np.argwhere(np.abs(values) > LARGEST)
     if beyond.size:
         place = (first + beyond[0][0], *beyond[0][1:])
@@ -157,7 +157,7 @@ def _floats(values: Array, shape: tuple[int, ...], field: str, file: str, first:
 
 
 def log_of_parts(parts: Sequence[Part], setup: Setup, repairs: Repairs, file: str = "") -> Log:
-    """A log of streams with stamps of their own, all in s or all in ns: joints or a pose, and a wrench at least."""
+    """Make a log of streams with separate stamps, all in s or all in ns: at least joints or a pose, and a wrench."""
     by_array = {name: t for t, arrays in reversed(parts) for name in arrays}
     check_overlap(by_array["q"], by_array["wrench"], file)
     merged = merge_parts(parts, file)
@@ -166,9 +166,9 @@ def log_of_parts(parts: Sequence[Part], setup: Setup, repairs: Repairs, file: st
 
 
 def merge_parts(parts: Sequence[Part], file: str = "") -> dict[str, Array]:
-    """Streams on one timeline, by the names of their arrays, and "t": NaN where a stream has no sample.
+    """Merge streams on one timeline: "t" and the arrays by their names, NaN where a stream has no sample.
 
-    Samples share a row where their stamps are equal, to the last bit. An array of two streams is that of the first.
+    Samples share a row where their stamps are equal to the last bit. The first stream with an array provides it.
     """
     t = np.unique(np.concatenate([times for times, _ in parts]))
     merged = {"t": t}
@@ -181,7 +181,7 @@ def merge_parts(parts: Sequence[Part], file: str = "") -> dict[str, Array]:
 
 
 def on_one_clock(parts: Sequence[Part], log: LogSetup, file: str = "") -> list[Part]:
-    """Streams with the rates and offsets of their clocks mended; a stream goes by the first of its arrays."""
+    """Correct the rate and offset of each stream's clock; the first array of a stream decides which ones apply."""
     if len({t.dtype.kind for t, _ in parts}) > 1:
         message = f"types {' and '.join(str(t.dtype) for t, _ in parts)} differ"
         raise LogError(message, file=file, field="t_joints, t_wrench", remedy="give both in s, or both in integer ns")
@@ -193,7 +193,7 @@ def on_one_clock(parts: Sequence[Part], log: LogSetup, file: str = "") -> list[P
 
 
 def check_overlap(joint_t: Array, wrench_t: Array, file: str = "") -> None:
-    """Refuse streams of different clocks."""
+    """Refuse streams of different clocks, which do not overlap in time."""
     if not len(joint_t) or not len(wrench_t) or joint_t[-1] < wrench_t[0] or wrench_t[-1] < joint_t[0]:
         joints, wrench = (f"{t[0]} to {t[-1]}" if len(t) else "none" for t in (joint_t, wrench_t))
         message = f"the streams do not overlap in time: joints {joints}, wrench {wrench}"
@@ -201,7 +201,7 @@ def check_overlap(joint_t: Array, wrench_t: Array, file: str = "") -> None:
 
 
 def further_columns(parts: Sequence[Part], log: Log, setup: Setup, file: str = "") -> Log:
-    """The log with the further columns of streams; of those that several have, the first is taken."""
+    """Add the further columns of streams to a log; a column that several streams have is taken from the first."""
     columns: dict[str, Column] = {}
     for t, arrays in parts:
         for name, values in arrays.items():
@@ -212,7 +212,7 @@ def further_columns(parts: Sequence[Part], log: Log, setup: Setup, file: str = "
 
 
 def _column(stamps: Array, values: Array, start: float, file: str, field: str) -> Column:
-    """The values (T,) that were measured, with stamps in s since the first sample of the log."""
+    """Column of the measured ones of (T,) values, with stamps in s since the first sample of the log."""
     t, values = as_stamps(stamps, file=file), np.asarray(values)
     if values.ndim != 1:
         raise LogError(f"has shape {values.shape}", file=file, field=field, remedy="give one number per stamp")

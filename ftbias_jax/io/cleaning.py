@@ -1,4 +1,4 @@
-"""Samples that no sensor in order reports: of axes that stand still, or at an end of their range, of joints that jump.
+"""Removal of faulty samples: of stuck and saturated wrench axes, of repeated readings, and of joints that jump.
 
 A log may come in parts, and is then cleaned as if it were whole.
 """
@@ -18,35 +18,35 @@ from ftbias_jax.io.stamps.clock import LONG_PAUSE
 from ftbias_jax.types import AXES, Array
 
 PART = 1 << 16
-"""Samples looked at together."""
+"""Number of samples that are examined together."""
 STREAMS = {"wrench": "the wrench is", "q": "the joints are", "dq": "the velocities are"}
-"""Array of a log -> how lines about it begin; dq may be what an IMU says."""
+"""Array of a log -> beginning of the report lines about it; dq may come from an IMU."""
 ASIDE = 0.3
-"""s on both sides of a jump from which there is no way back, that are left out: no smooth motion leads across."""
+"""s left out on both sides of a jump from which the joints do not return, because no smooth motion leads across."""
 MOST_ASIDE = 0.2
-"""Of a log."""
-CLEANED = ("left out", "is used once")  # ends of lines
+"""Maximum share of a log that is left out beside jumps; an arm with more of them may really move like that."""
+CLEANED = ("left out", "is used once")  # ends of report lines
 
 Split = Callable[[int], Iterator[Log]]
-"""Samples at once -> the log from its first sample on."""
+"""Samples per part -> the log in parts, from its first sample on."""
 
 
 class Facts(NamedTuple):
-    """What must be known of a whole log."""
+    """Facts about a whole log that are needed to clean any part of it."""
 
     first_q: Array
     """(n,) rad, first measured position of every joint; NaN = never."""
     wrench_t: Array
     """(W,) s, stamps at which any axis of the wrench was measured."""
     axes: tuple[Axis, ...]
-    """Of the wrench: how often each was measured, and where it is clipped or stuck."""
+    """How often each axis of the wrench was measured, and where it is clipped or stuck."""
     held: Mapping[str, tuple[Held, Array]] = MappingProxyType({})
-    """Array of the log whose readings were published more than once -> how, and (R,) s, the stamps of the repeats;
-    joints and rates may have clocks of their own."""
+    """Array of the log with held readings -> how they are held, and (R,) s, the stamps of the repeats; joints and rates
+    may have different clocks."""
     glitches: Glitches = Glitches()
-    """Single readings of the joints that are none."""
+    """Single invalid readings of the joints."""
     missing: Repairs = ()
-    """Readings of the wrench or the joints that are missing while the others go on."""
+    """Readings of the wrench or the joints that are missing while the other stream continues."""
 
 
 def clean(
@@ -58,14 +58,14 @@ def clean(
     held: Collection[str] = STREAMS,
     file: str = "",
 ) -> Log:
-    """The log without samples of clipped and stuck axes, repeats and jumps; ``repairs`` names them, left out or not.
+    """Remove samples of clipped and stuck axes, repeats and jumps; ``repairs`` lists them whether removed or not.
 
-    ``facts`` are what must be known of it, by ``survey``; None = they are not known yet. ``held`` are the arrays of the
-    log of which repeats and glitches are left out.
+    ``facts`` are those of the whole log, from ``survey``; None = not surveyed yet. ``held`` are the arrays of the log
+    from which repeats and glitches are removed.
     """
     facts = facts or survey(slices(log))
     if any(repair.what.endswith(CLEANED) for repair in log.repairs):
-        facts = facts._replace(missing=())  # what is, was taken out here
+        facts = facts._replace(missing=())  # missing samples were removed by an earlier cleaning
     known = findings(facts, clipped=False, stuck=False, held=())
     repairs = (*(repair for repair in log.repairs if repair not in known), *findings(facts, clipped, stuck, held))
     check_rest(facts, clipped, stuck, file)
@@ -73,7 +73,7 @@ def clean(
 
 
 def leave_out(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True, held: Collection[str] = STREAMS) -> Log:
-    """A log, or a part of it, in which samples of clipped and stuck axes, repeats and jumps are not measured."""
+    """Set samples of clipped and stuck axes, repeats and jumps of a log, or of a part of it, to NaN."""
     columns: dict[str, Any] = {}
     repeats, joints, speeds, breaks = facts.glitches
     of_joints = [("q", repeats), ("q", joints), ("dq", repeats), ("dq", joints), ("dq", speeds)]
@@ -94,7 +94,7 @@ def leave_out(log: Log, facts: Facts, clipped: bool = True, stuck: bool = True, 
 
 
 def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: Collection[str] = STREAMS) -> Repairs:
-    """What is wrong with the axes of the wrench and with the rates, one line a fault; see ``clean``."""
+    """Faults of the wrench axes, the joint readings and the rates, one line per fault; see ``clean``."""
     found = []
     for name, (stream, t) in facts.held.items():
         used = ": each reading is used once" if name in held else ""
@@ -129,7 +129,7 @@ def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: Colle
 
 
 def check_rest(facts: Facts, clipped: bool, stuck: bool, file: str = "") -> None:
-    """Refuse a log of whose wrench nothing is left."""
+    """Refuse a log whose wrench has no usable sample."""
     if not any(axis.samples for axis in facts.axes):
         remedy = "record the sensor's wrench"
         raise LogError("no wrench data: all values are NaN", file=file, field="wrench", remedy=remedy)
@@ -140,7 +140,7 @@ def check_rest(facts: Facts, clipped: bool, stuck: bool, file: str = "") -> None
 
 
 def survey(split: Split) -> Facts:
-    """Read a log for what must be known of all of it: once, and again if readings are held."""
+    """Collect the facts about a whole log in one pass, or in two if readings are held."""
     facts = _survey(split)
     if not facts.held:
         return facts
@@ -153,7 +153,7 @@ def survey(split: Split) -> Facts:
 
 
 def _survey(split: Split, joints_once: bool = False) -> Facts:
-    """The same of a log whose joints may be without their repeats already."""
+    """Collect the facts in one pass; with ``joints_once``, repeats of the joints were removed before."""
     axes = [Axis()] * 6
     repeats, stamps = dict.fromkeys(STREAMS, Repeats()), {name: [np.zeros(0)] for name in STREAMS}
     first_q: Array = np.nan
@@ -175,17 +175,17 @@ def _survey(split: Split, joints_once: bool = False) -> Facts:
         if held is not None and held.repeats.any():
             helds[name] = held, t[held.repeats]
     wrench_t, joint_t = every_t["wrench"], every_t["q"]
-    of_joints = missing_readings(STREAMS["q"], joint_t, wrench_t)  # that they are slower is usual
+    of_joints = missing_readings(STREAMS["q"], joint_t, wrench_t)  # slower joints are usual
     missing = *missing_readings(STREAMS["wrench"], wrench_t, joint_t), *(one for one in of_joints if one.lost)
     glitches = Glitches(*map(np.concatenate, zip(*found, strict=True)))
     if len(glitches.breaks) * 2 * ASIDE > MOST_ASIDE * np.ptp(wrench_t if len(wrench_t) else np.zeros(1)):
-        # An arm that is elsewhere all the time may be one that moves like that.
+        # An arm that jumps all the time may really move like that.
         glitches = glitches._replace(breaks=np.zeros(0))
     return Facts(first_q, wrench_t, tuple(axes), helds, glitches, missing)
 
 
 def slices(*logs: Log) -> Split:
-    """The parts of logs that are in memory, one log after the other."""
+    """Split logs in memory into parts, one log after the other."""
 
     def split(size: int) -> Iterator[Log]:
         for log in logs:
@@ -197,7 +197,7 @@ def slices(*logs: Log) -> Split:
 
 
 def _times(t: Array) -> str:
-    """When, s: the first ones of (N,)."""
+    """Text with the first LISTED of (N,) times in s."""
     more = f" and {len(t) - LISTED} times more" if len(t) > LISTED else ""
     return f"at {', '.join(f'{at:.1f}' for at in t[:LISTED])} s{more}"
 
@@ -209,7 +209,7 @@ def _spans(stretches: Sequence[Still]) -> str:
 
 
 def without_long_pauses(log: Log) -> Log:
-    """The log with every pause, or jump of its clock forward, no longer than LONG_PAUSE, for what judges it."""
+    """Shorten every pause, or forward jump of the clock, of a log to LONG_PAUSE, for functions that judge it."""
     steps = np.diff(log.t, prepend=log.t[:1])
     if not (steps > LONG_PAUSE).any():
         return log

@@ -1,6 +1,6 @@
-"""Joint readings that no arm can have taken: messages of zeros, bits that flipped, the last one again and again.
+"""Detection of joint readings that no arm can have produced: messages of zeros, flipped bits, stale repeats.
 
-One of them among 20,000 counts, where what the joints do is not known better than to their acceleration: 0.01 rad for
+One such reading among 20,000 matters where the acceleration of joints is estimated from their positions: 0.01 rad for
 one sample at 500 Hz is 5000 rad/s^2.
 """
 
@@ -11,42 +11,43 @@ import numpy as np
 from ftbias_jax.types import Array
 
 ACCELERATION = 100.0
-"""rad/s^2 or m/s^2, more than arms do: a jump is what this, over one interval, does not explain."""
+"""rad/s^2 or m/s^2, more than arms reach: a jump is a step that this over one interval does not explain."""
 HALT = 5.0
-"""The same, from a steady speed to none, to the last digit: an arm that brakes slows down before it stands still."""
+"""rad/s^2 or m/s^2, deceleration from steady speed above which a standstill to the last digit is a stale reading: a
+braking arm slows down before it stands still."""
 NOISE, USUAL = 16.0, 0.95
-"""A jump is so many times the deviation that this share of the steps stays below: where readings come a little late, a
-step now and then is that of several intervals."""
+"""A jump exceeds this quantile (USUAL) of the steps' excess this many times (NOISE): where readings arrive slightly
+late, an occasional step covers several intervals."""
 FINEST, STEPS = 0.05, 5.0
-"""Share of the steps that are shorter than those of a coarse encoder, which moves by one at least; a jump is more."""
+"""Quantile of nonzero steps that is the resolution of a coarse encoder, and number of these that a jump exceeds."""
 FASTEST = 0.99
-"""Share of the steps that are slower than what is believed of the speed after a jump."""
+"""Quantile of the speeds to which the speed after a jump is limited."""
 LONGEST = 0.5
-"""s from a jump until a joint is back, or that joints repeat a reading, at most: what lasts may be true."""
+"""s, longest time until a joint returns from a jump, or repeats one reading; whatever lasts longer may be real."""
 SPAN = 7
-"""Steps by the median of which an arm is said to move at the ends of a log."""
+"""Number of steps whose median gives the speed of an arm at the ends of a log."""
 FEWEST = 100
-"""Readings by which it is told how an arm moves."""
+"""Minimum number of readings from which the motion of an arm can be judged."""
 NONE = np.zeros(0, int)
 
 
 class Glitches(NamedTuple):
-    """Stamps, s, of readings of the joints that are none; none as a rule."""
+    """Stamps, s, of invalid joint readings; usually there are none."""
 
     repeats: Array = np.zeros(0)
-    """Those that repeat another now and then while the arm moves, of positions and speeds."""
+    """Readings, position and speed, that occasionally repeat the previous one while the arm moves."""
     joints: Array = np.zeros(0)
-    """Where no arm can have been; the speeds are of the same message."""
+    """Readings at positions that no arm can have reached; the speeds in the same messages are invalid as well."""
     speeds: Array = np.zeros(0)
-    """Of speeds alone."""
+    """Readings of which only the speed is invalid."""
     breaks: Array = np.zeros(0)
-    """From which on the joints are elsewhere, and nothing is on the way."""
+    """First readings after a jump from which the joints do not return, without any reading in between."""
 
 
 def find_glitches(t: Array, q: Array, dq: Array, *, repeats: bool = True) -> Glitches:
-    """What is no reading of joints q, dq (T, n), rad and per s, at increasing t (T,) s; repeats only if asked for."""
+    """Find invalid readings of joints q, dq (T, n), rad and per s, at increasing t (T,) s; repeats only on request."""
     stale = find_repeats(t, q) if repeats else NONE
-    others = np.delete(np.arange(len(t)), stale) if len(stale) else slice(None)  # as a rule without a copy
+    others = np.delete(np.arange(len(t)), stale) if len(stale) else slice(None)  # usually a slice, without a copy
     times = t[others]
     off, elsewhere = find_jumps(times, q[others])
     of_speeds, _ = find_jumps(times, dq[others], order=1)
@@ -54,9 +55,9 @@ def find_glitches(t: Array, q: Array, dq: Array, *, repeats: bool = True) -> Gli
 
 
 def find_jumps(t: Array, x: Array, order: int = 2) -> tuple[Array, Array]:
-    """The rows (G,) on which joints have jumped away, and those (B,) from which on they are elsewhere and stay.
+    """Rows (G,) on which joints have jumped away, and rows (B,) from which they stay elsewhere.
 
-    Who has jumped away is back where it can have gone meanwhile.
+    A joint has returned from a jump when it is where it can have moved meanwhile.
 
     Args:
         t: (T,) s, increasing.
@@ -64,7 +65,7 @@ def find_jumps(t: Array, x: Array, order: int = 2) -> tuple[Array, Array]:
         order: how often acceleration was integrated: 2 = x are positions, 1 = speeds.
 
     Returns:
-        none as a rule; those off at the beginning or end of a log are few.
+        both, usually empty; rows that are off at the beginning or end of a log span at most LONGEST.
     """
     off, breaks = [NONE], [NONE]
     for rows, times, values in _together(t, x):
@@ -80,12 +81,12 @@ def find_jumps(t: Array, x: Array, order: int = 2) -> tuple[Array, Array]:
 
 
 def find_repeats(t: Array, q: Array) -> Array:
-    """(G,) the rows of q (T, n) rad at t (T,) s that repeat another, though the arm moves just before or after."""
+    """(G,) rows of q (T, n) rad at t (T,) s that repeat the previous one, though the arm moves just before or after."""
     return np.unique(np.concatenate([NONE, *(rows[_stale(*measured)] for rows, *measured in _together(t, q))]))
 
 
 def _stale(t: Array, q: Array) -> Array:
-    """As ``find_repeats``, of joints that were all measured."""
+    """Rows that ``find_repeats`` returns, for joints that were all measured."""
     same = np.ones(max(len(t) - 1, 0), bool)
     for joint in q.T:
         same &= joint[1:] == joint[:-1]
@@ -104,7 +105,7 @@ def _stale(t: Array, q: Array) -> Array:
 
 
 def _together(t: Array, x: Array) -> list[tuple[Array, Array, Array]]:
-    """Of x (T, n) at t (T,): rows, their stamps, and the columns that were measured on all of them and no others."""
+    """Group columns of x (T, n) that were measured on the same rows: these rows, their stamps t (T,), the values."""
     if not np.isnan(x @ np.ones(x.shape[1])).any():
         return [(np.arange(len(x)), t, x)]
     seen, groups = ~np.isnan(x.T), []
@@ -118,25 +119,25 @@ def _together(t: Array, x: Array) -> list[tuple[Array, Array, Array]]:
 
 
 def _finest(lengths: Array) -> Array:
-    """(n,) the shortest of the steps (T, n) that are any, but for a few."""
+    """(n,) shortest nonzero steps (T, n), apart from the FINEST share of them; 0 if there are none."""
     return np.array([np.quantile(x[x > 0], FINEST) if x.any() else 0.0 for x in lengths.T])
 
 
 class _Speeds(NamedTuple):
-    """Of one column, in units of it per s."""
+    """Speeds of one column, in its unit per s."""
 
     before: Array
-    """(T - 1,) median of the three steps before each."""
+    """(T - 1,) median speed of the three steps before each step."""
     after: Array
-    """(T - 1,) of the three after it."""
+    """(T - 1,) median speed of the three steps after each step."""
     last: float
-    """At the end of the log."""
+    """Speed at the end of the log."""
     fastest: float
-    """What is believed of a speed."""
+    """Limit of plausible speeds; see FASTEST."""
 
 
 def _speeds(steps: Array, took: Array, interval: float) -> _Speeds:
-    """Of steps (T - 1,) that took so many s, where ``interval`` s is usual."""
+    """Speeds around steps (T - 1,) that ``took`` (T - 1,) s each; ``interval`` is the usual duration, s."""
     speeds = steps / np.maximum(took, interval / 2)
     first, last = np.median(speeds[:SPAN]), np.median(speeds[-SPAN:])
     a, b, c = (np.r_[[first] * 3, speeds, [last] * 3][k:][: len(steps) + 4] for k in range(3))
@@ -145,15 +146,15 @@ def _speeds(steps: Array, took: Array, interval: float) -> _Speeds:
 
 
 def _excess(steps: Array, took: Array, interval: float, speeds: _Speeds) -> Array:
-    """(T - 1,) by how much a step is more, or less, than any speed between that before and that after it explains."""
+    """(T - 1,) distance of each step from the range that the speeds before and after it explain."""
     either = np.stack([speed * time for speed in (speeds.before, speeds.after) for time in (took, interval)])
     low, high = either.min(0), either.max(0)
-    lost = speeds.fastest * np.maximum(took - interval, 0)  # where samples were lost, more can have happened
+    lost = speeds.fastest * np.maximum(took - interval, 0)  # lost samples leave room for more motion
     return np.maximum(np.maximum(steps - high, low - steps), 0) - (high - low) - lost
 
 
 def _off(t: Array, steps: Array, least: float) -> tuple[Array, Array]:
-    """As ``find_jumps``, of one column with steps (T - 1,) at t (T,) s, of which less than ``least`` is no jump."""
+    """As ``find_jumps``, for one column with steps (T - 1,) at t (T,) s; a step below ``least`` is no jump."""
     took = np.diff(t)
     interval = float(np.median(took))
     speeds = _speeds(steps, took, interval)
@@ -165,14 +166,14 @@ def _off(t: Array, steps: Array, least: float) -> tuple[Array, Array]:
     for jump in np.flatnonzero(excess > least):
         if jump < back:
             continue
-        speed = speeds.before[jump] if jump >= back + 3 else speed  # what is before a second jump is no speed
+        speed = speeds.before[jump] if jump >= back + 3 else speed  # no valid speed precedes a second jump
         rows = np.arange(jump + 1, np.searchsorted(t, t[jump] + LONGEST, "right"))
         later = np.clip(np.r_[speeds.after, speeds.last][rows - 1], -speeds.fastest, speeds.fastest)
         gap = t[rows] - t[jump]
         reach = least + np.abs(speed - later) / 2 * gap
         near = np.abs(_turned(x[rows] - x[jump] - (speed + later) / 2 * gap)) <= reach
         jumps_back = np.abs(steps[rows - 1] - later * took[rows - 1]) > least
-        near &= np.r_[near[1:], True] & jumps_back  # one that is near by chance, or passes by, has not come back
+        near &= np.r_[near[1:], True] & jumps_back  # being near by chance or in passing is no return
         away = int(near.argmax()) if near.any() else len(t)
         if jump < away and t[jump] - t[0] <= LONGEST:
             off.append(np.arange(jump + 1))
@@ -188,5 +189,5 @@ def _off(t: Array, steps: Array, least: float) -> tuple[Array, Array]:
 
 
 def _turned(angles: Array) -> Array:
-    """The angles less whole turns: one that begins anew has not jumped."""
+    """Angles minus whole turns, because an angle that wraps around has not jumped."""
     return angles - 2 * np.pi * np.rint(angles / (2 * np.pi))

@@ -1,4 +1,4 @@
-"""Signs of trouble in a recorded stream: gaps, axes that stand still, axes at the end of their range."""
+"""Detection of faults in a recorded stream: gaps, stuck axes, and saturated axes."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from ftbias_jax.io.ros.messages import JOINT_STATE
 from ftbias_jax.types import Array
 
 GAP = 10.0
-"""Intervals this many times the median one, and no shorter than SHORTEST_GAP."""
+"""A gap is an interval this many times the median one, and longer than SHORTEST_GAP s."""
 SHORTEST_GAP = 0.1
 STUCK_SECONDS = 2.0
-"""A sensor has noise: no axis of it stays on one value for so long, and for STUCK_SAMPLES."""
+"""s; because of its noise, no axis of a sensor stays on one value for this long and for STUCK_SAMPLES samples."""
 STUCK_SAMPLES = 100
 COARSE = 0.2
-"""Share of samples that repeat the one before, from which on an axis is quantised, or recorded too often."""
+"""Share of samples repeating the previous one, above which an axis is quantised or recorded too often."""
 SATURATED_RUN = 5
-"""Samples in a row on the largest or smallest value, when no other value is held for a third as long."""
+"""Minimum consecutive samples on the largest or smallest value, if no other value is held for over a third as long."""
 
 
 class Saturation(NamedTuple):
@@ -31,7 +31,7 @@ class Saturation(NamedTuple):
 
 
 def sample_rate(t: Array) -> float:
-    """Hz, by the median interval of the (T,) stamps in s; NaN for fewer than two."""
+    """Sample rate in Hz from the median interval of (T,) stamps in s; NaN for fewer than two."""
     return float(1 / np.median(np.diff(t))) if len(t) > 1 else float("nan")
 
 
@@ -45,7 +45,7 @@ def gaps(t: Array) -> list[tuple[float, float]]:
 
 
 class Still(NamedTuple):
-    """A stretch in which an axis keeps a value to the last bit."""
+    """An interval in which an axis keeps one value to the last bit."""
 
     value: float = np.nan
     first: float = 0.0
@@ -55,38 +55,38 @@ class Still(NamedTuple):
 
     @property
     def long(self) -> bool:
-        """Whether no sensor with noise stands still for so long."""
+        """Whether the interval is too long for a sensor with noise."""
         return self.last - self.first >= STUCK_SECONDS and self.samples >= STUCK_SAMPLES
 
 
 class Axis(NamedTuple):
-    """What was seen of an axis so far: how it stood still, and whether it is clipped; see ``extend``."""
+    """State of an axis up to now: its constant intervals, and whether it is clipped; see ``extend``."""
 
     samples: int = 0
-    """That were measured."""
+    """Number of measured samples."""
     now: Still = Still()
-    """The stretch that may go on."""
+    """The latest constant interval, which may continue."""
     long: tuple[Still, ...] = ()
-    """Those before it that were long."""
+    """Earlier constant intervals that were too long."""
     stretches: int = 0
-    """All of them."""
+    """Number of all constant intervals."""
     low: float = np.inf
     """The smallest value."""
     high: float = -np.inf
     low_run: int = 0
-    """Samples in a row on it, at most."""
+    """Maximum consecutive samples on the smallest value."""
     high_run: int = 0
     inner_run: int = 1
-    """Samples in a row on any other value, at most."""
+    """Maximum consecutive samples on any value between the smallest and the largest."""
     low_count: int = 0
-    """Samples on the smallest value."""
+    """Number of samples on the smallest value."""
     high_count: int = 0
 
     @property
     def limits(self) -> Saturation:
-        """Where it is clipped: values that it holds at the end of its range, far longer than any within.
+        """Values at which the axis is clipped: ends of its range, held far longer than any value within.
 
-        Resting and coarsely quantised axes hold every value for long, and are not taken for clipped.
+        Resting and coarsely quantised axes hold every value for long, and do not count as clipped.
         """
         least = max(SATURATED_RUN, 3 * self.inner_run) if self.low < self.high else np.inf
         return Saturation(
@@ -95,15 +95,15 @@ class Axis(NamedTuple):
 
     @property
     def clipped(self) -> int:
-        """Samples on its limits."""
+        """Number of samples on the limits of the axis."""
         low, high = self.limits
         return (low == self.low) * self.low_count + (high == self.high) * self.high_count
 
     @property
     def stuck(self) -> tuple[Still, ...]:
-        """When it stood still for too long, though it otherwise has noise; () if it often repeats a value.
+        """Intervals in which the axis is stuck, though it otherwise has noise; () if it often repeats a value.
 
-        Coarse ones do that; and where it is clipped, it is not stuck.
+        Coarse axes repeat values often; and where an axis is clipped, it does not count as stuck.
         """
         long = (*self.long, self.now) if self.now.long else self.long
         rest = self.samples - sum(still.samples for still in long)
@@ -113,7 +113,7 @@ class Axis(NamedTuple):
 
 
 def extend(seen: Axis, t: Array, values: Array) -> Axis:
-    """Take in the next samples (T,) of an axis at t (T,) s, NaN = not measured; the log may be cut anywhere."""
+    """Add the next samples (T,) of an axis at t (T,) s, NaN = not measured; the log may be cut anywhere."""
     measured = ~np.isnan(values)
     t, values = t[measured], values[measured]
     if not len(values):
@@ -129,7 +129,7 @@ def extend(seen: Axis, t: Array, values: Array) -> Axis:
     stills = [Still(*(column[i].item() for column in (levels, first, last, runs))) for i in places]
     ended = [still for still in ([] if goes_on else [seen.now]) + stills[:-1] if still.long]
     if seen.samples:
-        # The ends of the past compete with the new runs.
+        # The extreme values of earlier samples compete with the new runs.
         levels, runs = np.r_[levels, seen.low, seen.high], np.r_[runs, seen.low_run, seen.high_run]
         counts = np.r_[counts, seen.low_count, seen.high_count if seen.low < seen.high else 0]
     low, high = levels == levels.min(), levels == levels.max()
@@ -159,26 +159,26 @@ def mask(t: Array, wrench: Array, clipped: Sequence[Saturation], stuck: Sequence
 
 
 class StreamInfo(NamedTuple):
-    """One stream of samples."""
+    """Summary of one stream of samples."""
 
     name: str
     """The topic, or "joints" and "wrench"."""
     kind: str
     names: tuple[str, ...]
-    """Of the joints; of a wrench, its frame if known."""
+    """Names of the joints; for a wrench, its frame if known."""
     samples: int
     first: float
-    """s, as stamped."""
+    """s, recorded stamps of the first and the last sample."""
     last: float
     rate: float
     """Hz."""
     gaps: tuple[tuple[float, float], ...]
     """Start, in s after the first stamp, and length in s."""
     trouble: tuple[str, ...]
-    """A line each: stuck, saturated or missing axes; a recorder's clock that is off."""
+    """One line per fault: stuck, saturated or missing axes; a recorder's clock that is off."""
 
     def without_stamps(self) -> StreamInfo:
-        """Of rows that were only counted."""
+        """Summary of a stream whose rows were counted but have no stamps."""
         nowhere = float("nan")
         return self._replace(first=nowhere, last=nowhere, rate=nowhere, gaps=(), trouble=("it has no stamps",))
 
@@ -193,7 +193,7 @@ def stream_info(
     labels: Sequence[str],
     sensor: bool = False,
 ) -> StreamInfo:
-    """What there is to say about samples (T, k) at t (T,) s after ``start``; only a sensor may not stand still."""
+    """Summarise samples (T, k) at t (T,) s after ``start``; only a ``sensor`` can be stuck or saturated."""
     trouble = []
     for label, column in zip(labels, values.T, strict=True):
         missing = np.isnan(column).mean() if len(column) else 1.0

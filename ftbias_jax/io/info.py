@@ -1,6 +1,6 @@
-"""What is in a log, and what can be filtered from it; needs no setup.
+"""Content of a log, and what can be filtered from it; needs no setup.
 
-Of a table or a file of arrays that no setup describes, it says which keys would state its streams.
+For a table or a file of arrays without a setup, this includes the keys of a setup that would describe its streams.
 """
 
 import os
@@ -33,12 +33,12 @@ from ftbias_jax.types import AXES
 
 RATE = {"log.rate": Known(None, "Hz: there are no stamps (t)")}
 MOST_NAMES = 40
-"""Columns that are listed."""
+"""Maximum number of columns that are listed."""
 POSE_LABELS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
 class LogInfo(NamedTuple):
-    """A whole log."""
+    """Summary of a whole log."""
 
     streams: tuple[StreamInfo, ...]
     topics: tuple[Topic, ...]
@@ -47,25 +47,25 @@ class LogInfo(NamedTuple):
     verdict: str
     """One line: what can be filtered from it, or why nothing."""
     keys: tuple[str, ...] = ()
-    """Lines of a setup that say how to read it, as far as it shows."""
+    """Lines of a setup that describe how to read the log, as far as it shows."""
     others: tuple[str, ...] = ()
-    """Columns that nothing is made of."""
+    """Columns that are not used."""
     log: Log | None = None
-    """As the setup reads it; None = there is no setup, or it does not."""
+    """The log as read with the setup; None = there is no setup, or it cannot read the log."""
     poses: bool = False
     """Whether the setup reads it as static poses."""
 
 
 def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvage: bool = False) -> LogInfo:
-    """Look into a log: with a setup whether it can be filtered, else with joints as they come.
+    """Summarise a log: with a setup whether it can be filtered, otherwise its content with the joints as recorded.
 
-    Of a damaged recording, ``salvage`` reads what is whole.
+    ``salvage`` reads the undamaged part of a damaged recording.
     """
     if is_ros(path):
         return _describe_ros(path, setup, salvage)
     if setup is None:
         table = look(os.fspath(path))
-        if table.joints and table.orientation:  # what moves is read off the joints, as with ftbias setup --robot
+        if table.joints and table.orientation:  # the motion is taken from the joints, as with ftbias setup --robot
             table = table._replace(orientation="", has=table.has | {"pose"})
         if not is_usual(table):
             return look_at(os.fspath(path), table)
@@ -75,7 +75,7 @@ def describe(path: str | os.PathLike[str], setup: Setup | None = None, *, salvag
     read = or_poses(read_recorded, path, setup or _setup_of({}, names))
     has_pose = setup is not None and setup.pose is not None
     log = as_log(read) if isinstance(read, Poses) else read
-    names = names[: log.q.shape[1]]  # of a pose at rest the orientation alone is read
+    names = names[: log.q.shape[1]]  # of static poses only the orientation is read
     joints = ~np.isnan(log.q if has_pose else np.column_stack([log.q, log.dq])).all(1)
     shown = ~np.isnan(log.q).all(0) if has_pose else np.full(len(names), True)
     labels = [name for name, there in zip(names, shown, strict=True) if there]
@@ -154,16 +154,16 @@ def _labels(stream: Stream, sensor: bool) -> Sequence[str]:
 
 
 def is_usual(table: Table) -> bool:
-    """Whether a file has joints and a wrench with their stamps by the usual names, and nothing that must be stated."""
+    """Whether a file has joints and a wrench with stamps under the usual names, and nothing that a setup must state."""
     odd = table.time is not None and len(table.time) > 1 and time_unit(table.time)
     whole = table.joints and "wrench" in table.has and table.time is not None and not table.orientation
     return bool(whole and not odd and not stated_columns(table))
 
 
 def look_at(path: str, table: Table) -> LogInfo:
-    """What a file, which ``look`` has looked into, has by the usual names."""
+    """Summarise what a file, examined by ``look``, has under the usual names."""
     keys = _keys(table)
-    rate = {"log.rate": Known(1.0)} if table.time is None else {}  # any
+    rate = {"log.rate": Known(1.0)} if table.time is None else {}  # any rate will do
     setup = _setup_of(keys | rate, table.joint_names or ["q0"])
     quantities = {
         "position": bool(table.orientation or table.joints),
@@ -190,7 +190,7 @@ def look_at(path: str, table: Table) -> LogInfo:
 
 
 def _keys(table: Table) -> dict[str, Known]:
-    """Keys of a setup that read the file."""
+    """Keys of a setup with which the file can be read."""
     keys: dict[str, Known] = {}
     if table.orientation:
         keys["sensor_pose.orientation"] = Known(table.orientation, "" if table.named else 'or "quaternion_wxyz"')
@@ -210,7 +210,7 @@ def _keys(table: Table) -> dict[str, Known]:
 
 
 def _setup_of(keys: Mapping[str, Known], joint_names: Sequence[str]) -> Setup:
-    """A setup that reads a file and means nothing else: with these joints, unless its keys are of a pose."""
+    """A setup only for reading a file: with these joints, unless its keys are of a pose."""
     stated = {"sensor.noise_std": Known(1.0), **keys}
     if not any(key.startswith("sensor_pose.") for key in keys):
         joints = [{"axis": [0, 0, 1], "point": [0, 0, 0], "name": name} for name in joint_names]
@@ -219,7 +219,7 @@ def _setup_of(keys: Mapping[str, Known], joint_names: Sequence[str]) -> Setup:
 
 
 def _said_of(table: Table, quantity: str, width: int) -> tuple[str, str, tuple[str, ...]]:
-    """Name and kind of a stream of so many numbers, and names for its columns."""
+    """Name and kind of a stream with ``width`` columns, and labels of its columns."""
     name, kind, labels = quantity, "", tuple(f"{quantity} {i}" for i in range(width))
     if quantity == "position":
         name, kind, labels = "joints", "q", tuple(f"q{i}" for i in range(width))
@@ -277,7 +277,7 @@ def _verdict(path: str, table: Table) -> str:
 
 
 def _pose_keys(recording: Recording) -> tuple[str, ...]:
-    """Lines of a setup that reads a recording of ROS with poses instead of joints."""
+    """Lines of a setup that reads a ROS recording with poses instead of joints."""
     roles = {stream.role for stream in recording.streams}
     lines = ["[sensor_pose]"]
     if POSE not in roles:

@@ -1,4 +1,4 @@
-"""A recorded log, and what was mended or left out to make it one."""
+"""A recorded log, and the repairs and omissions that were made in it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ftbias_jax.types import Array
 
 
 class Repair(NamedTuple):
-    """One kind of repair, or a fact the owner should know."""
+    """One kind of repair, or a fact that the owner of the log should know."""
 
     what: str
     """One line that names the stream or the axis and the count."""
@@ -26,15 +26,15 @@ Repairs = tuple[Repair, ...]
 
 
 class Column(NamedTuple):
-    """A quantity that the setup names beside those of every log, with stamps of its own."""
+    """A further quantity that the setup names, with its own stamps."""
 
     t: Float[Array, " K"]
     """(K,) s, increasing, relative to the first sample of the log."""
     values: Float[Array, " K"]
-    """(K,) in its own unit, all of them measured."""
+    """(K,) in the unit of the column, all of them measured."""
 
     def at(self, t: Float[Array, " T"]) -> Float[Array, " T"]:
-        """(T,) values at other stamps: straight lines between those measured, the first and last value outside."""
+        """(T,) values at other stamps: linear interpolation, and the first or last value outside."""
         return np.interp(t, self.t, self.values)
 
 
@@ -55,29 +55,29 @@ class Log(NamedTuple):
     temperature: Float[Array, " T"]
     """(T,) deg C."""
     start: float = 0.0
-    """s, the log's own stamp of the first sample: t + start are the stamps as recorded, if these are steady."""
+    """s, recorded stamp of the first sample: t + start are the stamps as recorded, if these are steady."""
     repairs: Repairs = ()
-    """What was mended or left out, and what else its owner should know."""
+    """Repairs and omissions, and other facts that the owner of the log should know."""
     columns: Mapping[str, Column] = MappingProxyType({})
-    """Further quantities by the names that the setup gives them in [log.columns]; those of a part are of the whole."""
+    """Further quantities by their names in [log.columns] of the setup; a part of a log has those of the whole."""
     file: str = ""
-    """Where it was read from; "" = from memory."""
+    """File or URL that the log was read from; "" = from memory."""
     frame: str = ""
-    """The sensor's frame, as a recording of ROS names it; "" = not known."""
+    """Frame of the sensor as named in a ROS recording; "" = unknown."""
     rezeroed_at: tuple[float, ...] = ()
-    """s, relative to the first sample: when the sensor was set to zero, as the setup states; some may be of other logs,
-    outside of this one's time."""
+    """s, relative to the first sample: times at which the sensor was zeroed, as the setup states; some may lie outside
+    this log and belong to others."""
 
     acceleration_std: Float[Array, " 3"] = np.zeros(3)
-    """(3,) m/s^2, sensor axes, standard deviation: what is not known of the accelerometer whose readings make the
-    motion; it is all but constant."""
+    """(3,) m/s^2, sensor axes: standard deviation of the remaining error, nearly constant, of the accelerometer that
+    gives the motion."""
 
     def is_rezeroed(self, t: Float[Array, " T"], before: float | None = None) -> Float[Array, " T"]:
-        """(T,) whether the sensor was set to zero between each stamp, s, and the one before it.
+        """(T,) whether the sensor was zeroed between each stamp, s, and the previous one.
 
         Args:
             t: (T,) s, increasing, relative to the first sample.
-            before: the stamp before the first of these; None = there is none, and what was before does not count.
+            before: the stamp before the first of these, s; None = there is none, and earlier zeroing is ignored.
         """
         times = np.sort(self.rezeroed_at)
         first = t[:1] if before is None else [before]
@@ -99,6 +99,6 @@ class Log(NamedTuple):
         columns: Mapping[str, Array] | None = None,
         raw: bool = False,
     ) -> Log:
-        """A log from arrays in memory, checked and cleaned as one that ``read_log`` reads: ``io.log_of_arrays``."""
-        # The room's __init__ binds that function, because what checks and cleans a log is made of logs.
+        """Make a log from arrays in memory, checked and cleaned as by ``read_log``; see ``io.log_of_arrays``."""
+        # ``io.__init__`` replaces this by ``log_of_arrays``, because checking and cleaning depend on this module.
         raise NotImplementedError

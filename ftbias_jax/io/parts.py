@@ -1,4 +1,4 @@
-"""Logs in parts, so that long ones need not fit in memory, and what must be known of all before the first part."""
+"""Logs in parts, so that long ones need not fit in memory; faults of the whole log are known before the first part."""
 
 import os
 from collections.abc import Iterator
@@ -22,11 +22,11 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 LONG = 1 << 20
-"""Samples from which on an NPZ file is read in parts; the other formats are held in memory."""
+"""Number of samples from which an NPZ file is read in parts; the other formats are held in memory."""
 
 
 class OpenLog(NamedTuple):
-    """A log that can be filtered; samples of clipped and stuck axes are not measured."""
+    """A log that can be filtered; samples of clipped and stuck axes are NaN."""
 
     length: int
     start: float
@@ -35,16 +35,16 @@ class OpenLog(NamedTuple):
     facts: Facts
     repairs: Repairs
     source: Source
-    """What provenance says about it."""
+    """File and wrench stamps for the provenance of results."""
     frame: str = ""
     """The sensor's frame, as a recording of ROS names it."""
     salvaged: bool = False
-    """Whether what is damaged was to be skipped."""
+    """Whether damaged parts of a recording were to be skipped."""
     acceleration_std: Array = np.zeros(3)
-    """As of ``Log``."""
+    """See ``Log.acceleration_std``."""
 
     def whole(self) -> Log:
-        """All of it in memory."""
+        """The whole log in memory."""
         log = next(self.parts(self.length))
         log = log._replace(repairs=self.repairs, file=self.source.file, frame=self.frame)
         return log._replace(acceleration_std=self.acceleration_std)
@@ -75,7 +75,7 @@ def open_log(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fals
 
 
 def _open_npz(file: str, setup: Setup) -> tuple[int, float, Split] | None:
-    """Length, start and parts of a long NPZ file with one clock; None for any other, and for one out of order."""
+    """Length, start and parts of a long NPZ file with one clock; None for any other file, and for unsorted stamps."""
     stored = stored_arrays(file, {*ARRAYS})
     names = [name for name in ("q", "dq", "wrench", "temperature") if name in stored]
     one_clock = {"t", "q", "wrench"} <= stored.keys() and not {"t_joints", "t_wrench"} & stored.keys()
@@ -83,7 +83,7 @@ def _open_npz(file: str, setup: Setup) -> tuple[int, float, Split] | None:
         return None
     stamps = as_stamps(next(stored["t"].parts(stored["t"].shape[0])), file=file)
     if (stamps[1:] <= stamps[:-1]).any():
-        return None  # samples that must change places are held in memory
+        return None  # a log that must be sorted is held in memory
     t, start = relative_seconds(stamps, file=file)
     for name in names:
         if stored[name].shape[:1] != t.shape:
@@ -91,7 +91,7 @@ def _open_npz(file: str, setup: Setup) -> tuple[int, float, Split] | None:
             raise LogError(message, file=file, field=name, remedy="give one sample per stamp")
     begin: dict[str, Array] = {name: next(stored[name].parts(LONG)) for name in names} if scatters(stamps) else {}
     if begin and on_steady_clocks(stamps[:LONG], begin, file)[1]:
-        return None  # and so are those whose stamps must be mended
+        return None  # so is one whose stamps must be corrected
 
     def split(size: int) -> Iterator[Log]:
         columns = zip(*(stored[name].parts(size) for name in names), strict=True)

@@ -1,6 +1,6 @@
-"""Recorded poses as what the joint filter follows, and the sensor's axes at every stamp.
+"""Conversion of recorded poses to the entries that the joint filter tracks, and sensor orientation at every stamp.
 
-Quaternions without jumps of sign, positions, rates by an IMU; wrenches that are recorded in the axes of the base.
+Quaternions without sign jumps, positions, rates from an IMU; wrenches that are recorded in the axes of the base.
 """
 
 from typing import NamedTuple
@@ -18,37 +18,37 @@ from ftbias_jax.types import Array
 STANDARD_GRAVITY = 9.80665
 """m/s^2: the unit g of accelerometers."""
 TOLERANCE = 0.05
-"""Of the length of a quaternion and the entries of a matrix: rounded numbers pass, other quantities do not."""
+"""Tolerance of a quaternion's length and a matrix's entries: rounded numbers pass, other quantities do not."""
 
 
 class PoseEntries(NamedTuple):
-    """A recorded pose as if it were joints."""
+    """A recorded pose in the form of joint positions and rates."""
 
     q: Array
     """(T, 4 or 7) quaternion w, x, y, z and position m, base frame."""
     dq: Array
-    """(T, 4 or 7) their rates."""
+    """(T, 4 or 7) rates of the entries of q."""
     acceleration_std: Array = np.zeros(3)
-    """(3,) m/s^2, sensor axes: what is not known of the accelerometer."""
+    """(3,) m/s^2, sensor axes: standard deviation of the remaining error of the accelerometer."""
     repairs: Repairs = ()
-    """What was taken off its readings."""
+    """Report of the correction of its readings."""
 
 
 def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file: str = "") -> PoseEntries:
     """Entries of the pose and their rates, as if they were joints (``free_body``).
 
     Args:
-        pose: (T, k) orientation in the order the setup states, then position m, base frame, if the setup says so.
-        rates: (T, 3 or 6) angular velocity and specific force (a - g), whichever the setup says are used, or None. NaN
-            = not measured.
+        pose: (T, k) orientation in the order the setup states, then position m, base frame, if the setup uses it.
+        rates: (T, 3 or 6) angular velocity and specific force (a - g), whichever the setup uses, or None. NaN = not
+            measured.
         t: (T,) s.
         setup: has a sensor_pose.
-        file: the name in messages.
+        file: file name for error messages.
 
     Returns:
-        entries and their rates. A specific force, without what the accelerometer is off by where the sensor rests
-        (``calibrate_accelerometer``), becomes the velocity that it adds up to, and the position is left open: the
-        wrench feels neither, only the acceleration that the filter finds from them.
+        entries and their rates. A specific force, corrected for the accelerometer's error at rest
+        (``calibrate_accelerometer``), is integrated to a velocity, and the position is left unknown: the wrench
+        depends on neither, only on the acceleration that the filter derives from them.
     """
     stated = setup.pose
     assert stated is not None
@@ -80,7 +80,7 @@ def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file:
 
 
 def continuous(quaternion: Array) -> Array:
-    """Quaternions (T, 4) with the sign that lies next to the one before, for q and -q are one rotation; NaN stays."""
+    """Quaternions (T, 4) with continuous signs, because q and -q are one rotation; NaN stays."""
     result = quaternion.copy()
     rows = np.flatnonzero(np.isfinite(quaternion).all(1))
     dots = (quaternion[rows[1:]] * quaternion[rows[:-1]]).sum(1)
@@ -89,14 +89,14 @@ def continuous(quaternion: Array) -> Array:
 
 
 def product(left: Array, right: Array) -> Array:
-    """Quaternions (..., 4) in the order w, x, y, z: first the right turn, then the left one."""
+    """Product of quaternions (..., 4) in the order w, x, y, z: the right rotation is applied first."""
     w, v, s, u = left[..., :1], left[..., 1:], right[..., :1], right[..., 1:]
     scalar = w * s - (v * u).sum(-1, keepdims=True)
     return np.concatenate([scalar, w * u + s * v + np.cross(v, u)], -1)
 
 
 def rotate(quaternion: Array, vectors: Array) -> Array:
-    """Vectors (T, 3) turned by quaternions (T, 4) of length one."""
+    """Rotate vectors (T, 3) by unit quaternions (T, 4)."""
     w, v = quaternion[:, :1], quaternion[:, 1:]
     twice = 2 * np.cross(v, vectors)
     return vectors + w * twice + np.cross(v, twice)
@@ -117,7 +117,7 @@ def _imu(rates: Array, setup: Setup, stated: PoseSetup, file: str) -> Array:
 
 
 def _as_recorded(orientation: Array, order: str, unit: str, file: str) -> Array:
-    """(T, 4) w, x, y, z of length one; NaN for rows that were not measured."""
+    """Recorded orientations as (T, 4) unit quaternions w, x, y, z; NaN for rows that were not measured."""
     if order == "axis_angle":
         vector = orientation * (np.pi / 180 if unit == "deg" else 1.0)
         half = np.linalg.norm(vector, axis=1, keepdims=True) / 2
@@ -143,13 +143,13 @@ def _refuse(bad: Array, what: str, file: str) -> None:
 
 
 def between(t: Array, values: Array, at: Array) -> Array:
-    """Values (A, k) at stamps (A,) on straight lines between the rows of (T, k) at t (T,) that are whole."""
+    """Values (A, k) at stamps (A,), linearly interpolated between the complete rows of (T, k) at t (T,)."""
     known = np.isfinite(values).all(1)
     return np.stack([np.interp(at, t[known], column[known]) for column in values.T], 1)
 
 
 def interpolated(quaternion: Array, t: Array) -> Array:
-    """Quaternions (T, 4) of length one at all stamps (T,), between the measured ones."""
+    """Unit quaternions (T, 4) at all stamps (T,), interpolated between the measured ones."""
     values = between(t, quaternion, t)
     return values / np.linalg.norm(values, axis=1, keepdims=True)
 
@@ -166,9 +166,9 @@ def _remark(calibration: Calibration) -> Repairs:
 
 
 def _velocity(quaternion: Array, specific_force: Array, t: Array, setup: Setup) -> tuple[Array, Calibration | None]:
-    """(T, 3) m/s of the sensor, base frame, from rest: what the measured specific force and gravity add up to.
+    """(T, 3) m/s, velocity of the sensor from rest, base frame: the integral of measured specific force and gravity.
 
-    With it the calibration by which the specific force was corrected, if any.
+    Also returns the calibration by which the specific force was corrected, if any.
     """
     rows = np.flatnonzero(np.isfinite(specific_force).all(1))
     at, force, gravity = quaternion[rows], specific_force[rows], np.broadcast_to(setup.robot.gravity, (len(rows), 3))
@@ -191,7 +191,7 @@ def _columns(values: Array, count: int, field: str, file: str) -> Array:
 
 
 def arm_rotations(robot: RobotSetup, sensor: SensorSetup, q: Array) -> Array:
-    """(T, 3, 3) sensor frame in the base frame, of joint positions (T, n)."""
+    """(T, 3, 3) sensor frame in the base frame, for joint positions (T, n)."""
     rotation = np.broadcast_to(np.eye(3), (len(q), 3, 3))
     for screw, angle in zip(robot.screws, q.T, strict=True):
         K = skew(screw[3:])
@@ -201,7 +201,7 @@ def arm_rotations(robot: RobotSetup, sensor: SensorSetup, q: Array) -> Array:
 
 
 def sensor_rotations(t: Array, q: Array, setup: Setup, file: str = "") -> Array:
-    """(T, 3, 3) sensor frame in the base frame at all stamps (T,) s, between the rows that have the joints or the pose.
+    """(T, 3, 3) sensor frame in the base frame at all stamps (T,) s, interpolated between rows with joints or a pose.
 
     ``q`` (T, n) are joints or entries of the pose; NaN = not measured.
     """
@@ -217,7 +217,7 @@ def sensor_rotations(t: Array, q: Array, setup: Setup, file: str = "") -> Array:
 
 
 def in_sensor_axes(log: Log, setup: Setup, file: str = "") -> Log:
-    """A log whose wrench is in the sensor's axes, about the same point, whichever the setup says it is recorded in."""
+    """Convert the wrench of a log from the axes that the setup states to the sensor's axes, about the same point."""
     if setup.log.wrench_axes == "sensor":
         return log
     rotations = sensor_rotations(log.t, log.q, setup, file)

@@ -1,10 +1,10 @@
-"""What the rate of a stream hides: readings that are held over several samples or missing, and stamps that scatter.
+"""Faults that the rate of a stream hides: readings held over several samples, missing readings, and jittering stamps.
 
-Held readings are those of a sensor or controller that publishes its last value again until it has a new one. Whoever
-takes each repeat for a measurement believes too much: r repeats of one reading make error bars too small by the square
-root of r, and joints that stand still between jumps look as if they shook. One axis of a coarse sensor repeats often,
-too, and at rest all of them may. What holding alone does is that all axes repeat, and change, together: far more often
-than single axes explain, within any short stretch of the log.
+Readings are held where a sensor or controller publishes its last value again until it has a new one. Taking each repeat
+for a measurement overstates the information: r repeats of one reading make error bars too small by the square root of
+r, and joints that stand still between jumps look as if they shook. A single axis of a coarse sensor repeats often, too,
+and at rest all of them may. Held readings differ in that all axes repeat, and change, together: far more often than the
+repeats of single axes explain within any short segment of the log.
 """
 
 from typing import NamedTuple
@@ -15,66 +15,67 @@ from ftbias_jax.io.log import Repair, Repairs
 from ftbias_jax.types import Array
 
 WINDOW = 16
-"""Samples of a stretch in which single axes repeat about equally often: at rest or in motion, not both."""
+"""Number of samples per segment, in which single axes repeat about equally often: at rest or in motion, not both."""
 LEAST_SAMPLES = 256
 LEAST_SHARE = 0.1
-"""Of samples that are held; fewer are lost packets, which are another fault."""
+"""Minimum share of held samples; fewer are lost packets, which are another fault."""
 UNEXPLAINED = 0.8
-"""Share of the samples in which all axes repeat that the repeats of single axes must not explain. On quantised logs of
-an arm that stops and goes it is 0.4 at most (``tests/io/test_rates.py``)."""
+"""Of the samples in which all axes repeat, minimum share that the repeats of single axes do not explain. On quantised
+logs of an arm that stops and goes it is 0.4 at most (``tests/io/test_rates.py``)."""
 BY_CHANCE = 0.1
-"""Share of them up to which every one is a repeat; where single axes explain more, a long run is of equal readings."""
+"""Of the same samples, share explained by single axes up to which the longest run of equal samples is one reading;
+above it, long runs are several equal readings."""
 COINCIDENT = 0.8
-"""Samples in which any axis changes, of those expected if axes changed independently: below it they change together."""
+"""Samples in which any axis changes, relative to those expected of independent axes; below it, axes change together."""
 APART = 0.6
-"""How often a change follows a change, against how often anything changes: below it readings last for samples."""
+"""Rate of changes right after a change, relative to the overall rate; below it, readings last for several samples."""
 LEAST_CHANGES = 50
-"""Of the stream: an arm at rest says nothing."""
+"""Minimum number of changes in a stream; an arm at rest does not show whether readings are held."""
 EMPTY = np.zeros(0, bool)
 TOLD = 0.1
-"""Standard deviation in median intervals from which on jitter is told; a good recorder stays below a hundredth."""
+"""Jitter (standard deviation in median intervals) from which it is reported; a good recorder stays below 0.01."""
 _NORMAL = 1.4826
 """Standard deviation of a normal distribution in median absolute deviations."""
 LONGEST = 1.0
-"""s without a reading that are told, where that is also LONG times the usual interval."""
+"""s without a reading that are reported, if they are also LONG times the usual interval."""
 LONG = 10.0
 FEWEST = 10
-"""Readings of the other stream in that time; fewer are a pause of both."""
+"""Minimum number of readings of the other stream in that time; with fewer, both streams paused."""
 LISTED = 3
-"""Stretches that are told one by one."""
+"""Number of intervals that are listed one by one."""
 SAME_ROWS = 0.9
-"""Share of the readings whose stamp the other stream has too, from which on both are columns of one table."""
+"""Share of the readings whose stamp the other stream has as well, above which both are columns of one table."""
 FEW = 0.9
-"""Share of the rows of such a table below which it is told that only so many have a reading."""
+"""Share of the rows of such a table with a reading, below which the number of readings is reported."""
 REGULAR, UNSTEADY = 0.9, 0.25
-"""Share of readings as many rows apart as usual, to a share of that, from which on they are those of a slower sensor;
-else some were lost."""
+"""Share of the readings that are the usual number of rows apart, within this share of it (UNSTEADY), above which they
+come from a slower sensor; otherwise readings were lost."""
 
 
 class Repeats(NamedTuple):
-    """What was seen of a stream so far; see ``extend_repeats``."""
+    """Repeats counted so far in a stream; see ``extend_repeats``."""
 
     last: Array | None = None
     """(k,) the last sample."""
     together: tuple[Array, ...] = ()
-    """Of the samples in which anything was measured: whether all axes repeat the sample before."""
+    """For each sample in which anything was measured: whether all axes repeat the previous sample."""
     waiting: Array = np.zeros((0, 1), bool)
-    """(W, k) repeats of single axes in the stretch that has begun."""
+    """(W, k) repeats of single axes in the segment that is not complete yet."""
     explained: float = 0.0
-    """Samples in which all axes would repeat, if they did so independently of one another."""
+    """Expected number of samples in which all axes repeat, if they do so independently of one another."""
 
 
 class Held(NamedTuple):
     """A stream whose readings are held."""
 
     samples: int
-    """Of one reading, at most."""
+    """Maximum number of samples of one reading."""
     repeats: Array
-    """(T,) of the samples in which anything was measured: those that repeat a reading that was taken before."""
+    """(T,) for each sample in which anything was measured: whether it repeats an earlier reading."""
 
 
 def extend_repeats(seen: Repeats, values: Array) -> Repeats:
-    """Take in the next samples (T, k) of a stream, NaN = not measured; the same however a log is cut into parts."""
+    """Add the next samples (T, k) of a stream, NaN = not measured; the result does not depend on how a log is cut."""
     values = values[~np.isnan(values).all(1)]
     if not len(values):
         return seen
@@ -89,7 +90,7 @@ def extend_repeats(seen: Repeats, values: Array) -> Repeats:
 
 
 def held_readings(seen: Repeats) -> Held | None:
-    """Whether the readings of a stream are held; None if not."""
+    """How the readings of a stream are held; None if they are not."""
     together = np.concatenate(seen.together) if seen.together else EMPTY
     explained = seen.explained + len(seen.waiting) * float(seen.waiting.mean(0).prod() if len(seen.waiting) else 0)
     count, changes = int(together.sum()), int((~together).sum())
@@ -103,28 +104,28 @@ def held_readings(seen: Repeats) -> Held | None:
         return None
     starts = np.flatnonzero(~together)
     lengths = np.diff(np.r_[starts, len(together)])
-    # Equal readings one after the other cannot be told from a longer hold, but by how often chance makes them equal.
+    # Consecutive equal readings are indistinguishable from a longer hold except by their probability by chance.
     samples = int(lengths.max()) if explained < BY_CHANCE * count else _samples_of_one(lengths)
-    place = np.arange(len(together)) - np.repeat(starts, lengths)  # in the run of equal readings
+    place = np.arange(len(together)) - np.repeat(starts, lengths)  # position in the run of equal samples
     return Held(samples, place % samples != 0)
 
 
 def _samples_of_one(lengths: Array) -> int:
-    """For how many samples one reading is held, from the runs of equal samples: longer runs are equal readings."""
+    """Number of samples for which one reading is held, from runs of equal samples; longer runs are equal readings."""
     shortest = int(np.quantile(lengths, 0.1, method="higher"))
     single = lengths[lengths < max(2 * shortest, 3)]
     return int(np.quantile(single, 0.99, method="higher"))
 
 
 def find_held(values: Array) -> Held | None:
-    """Whether the readings of a stream (T, k), NaN = not measured, are held; None if not."""
+    """How the readings of a stream (T, k), NaN = not measured, are held; None if they are not."""
     return held_readings(extend_repeats(Repeats(), values))
 
 
 def jitter(t: Array) -> float:
-    """Standard deviation in s by which (T,) stamps in s are off a steady clock; 0 if that is no matter.
+    """Standard deviation in s of (T,) stamps in s about a steady clock; 0 if it is negligible.
 
-    The interval between two stamps has the errors of both. By the median, so that gaps count for nothing.
+    An interval has the errors of two stamps. Medians are used, so that gaps have no influence.
     """
     intervals = np.diff(t)
     if len(intervals) < 10:
@@ -135,7 +136,7 @@ def jitter(t: Array) -> float:
 
 
 def missing_readings(which: str, t: Array, other_t: Array) -> Repairs:
-    """What of a stream is missing, a line each for long stretches and for single rows; () = nothing worth a word.
+    """Report missing readings of a stream, one line for long gaps and one for single rows; () = nothing to report.
 
     ``which`` is the stream with its verb, "the wrench is"; t (W,) s are the stamps of its readings, other_t (J,) s
     those of the other stream.

@@ -1,10 +1,10 @@
 """Logs by URL, from object stores and web servers: copied to a temporary file by fsspec (extra ``remote``).
 
-A URL may carry a password or a signature. Whatever is written names it by ``shown``, which leaves them out.
+A URL may contain a password or a signature. All output names it by ``shown``, which omits them.
 
-What may be read, and where copies and results go, that a setup, a listing or an address names is decided here alone. A
-setup is a file that people pass on, and a server's listing is written by whoever runs it. What they name is read only
-inside the log's own folder, unless the user says otherwise, and never becomes the path of a file that is written.
+This module alone decides which files may be read, and where copies and results are written, if a setup, a server's
+listing or a URL names them. A setup is a file that people pass on, and a listing is written by whoever runs the server.
+What they name is read only in the log's folder, unless the user allows more, and is never the path of a written file.
 """
 
 import atexit
@@ -25,32 +25,32 @@ from ftbias_jax.io.tables.arrays import TABLES
 
 Source = TypeVar("Source")
 MOST_BYTES = 16 << 30
-"""Of one file: as much as the numbers of a log may have (``io.budget``)."""
+"""Maximum bytes of one file: as many as the numbers of a log may have (``io.budget``)."""
 MOST_KEPT = 8
-"""Copies that are kept at a time; a log has four files at most."""
+"""Number of copies that are kept at a time; a log has four files at most."""
 BYTES_AT_ONCE = 1 << 20
 WORD = "--allow-outside, or load_setup(..., allow_outside=True), allows it"
 NAMED = 16
-"""Characters of a hash that name a copy."""
+"""Number of characters of a hash that name a copy."""
 _kept: dict[str, str] = {}
 """URL -> folder of its copy, the oldest first."""
 _sums: dict[str, str] = {}
-"""URL -> SHA-256 of what was copied."""
+"""URL -> SHA-256 of the copied file."""
 
 
 def exists(path: str) -> bool:
-    """Whether a file is there; of a URL it is assumed until it is read."""
+    """Whether a file exists; a URL is assumed to exist until it is read."""
     return is_url(path) or os.path.exists(path)
 
 
 def from_anywhere(source: Source) -> Source | str:
-    """A path for processes whose current folder is another one; a URL, or a log in memory, as it is."""
+    """Make a path absolute for processes with another working directory; a URL, or a log in memory, stays as it is."""
     is_path = isinstance(source, str | os.PathLike) and not is_url(source)
     return os.path.abspath(str(source)) if is_path else source
 
 
 def shown(path: str | os.PathLike[str]) -> str:
-    """A path as it is; a URL without what may be secret: user, password, and of a web server the query."""
+    """A path as it is; a URL without possible secrets: user, password, and the query of a web server."""
     name = os.fspath(path)
     if not is_url(name):
         return name
@@ -62,7 +62,7 @@ def shown(path: str | os.PathLike[str]) -> str:
 
 @contextmanager
 def opened(path: str | os.PathLike[str]) -> Iterator[str]:
-    """The file itself, or a copy of what a URL names; errors about the copy name the URL."""
+    """Path of the file itself, or of a copy of a URL's file; errors about the copy name the URL."""
     name = os.fspath(path)
     if not is_url(name):
         yield name
@@ -77,7 +77,7 @@ def opened(path: str | os.PathLike[str]) -> Iterator[str]:
 
 
 def local_copy(url: str) -> str:
-    """Path of a copy of what a URL names, made once; the process removes it at its end."""
+    """Path of the copy of a URL's file, made once and removed when the process ends."""
     name = copy_name(shown(url))
     if url not in _kept:
         while len(_kept) >= MOST_KEPT:
@@ -93,33 +93,33 @@ def local_copy(url: str) -> str:
 
 
 def sum_of(url: str) -> str:
-    """SHA-256 of what a URL names."""
+    """SHA-256 of a URL's file."""
     if url not in _sums:
         local_copy(url)
     return _sums[url]
 
 
 def size_and_time(url: str) -> tuple[int, int]:
-    """Bytes, and the time of the last change in ns since 1970; (0, now) where the server does not tell.
+    """Size in bytes and time of the last change in ns since 1970; (0, now) if the server does not state these.
 
-    A time that is not known is that of now, so that nothing counts as unchanged because of it.
+    An unknown time is replaced by the current one, so that nothing counts as unchanged because of it.
     """
     try:
         system, path = store_of(url)
         return int(system.info(path)["size"] or 0), int(system.modified(path).timestamp() * 1e9)
-    except Exception:  # every kind of store has exceptions of its own; whoever reads the file tells what is wrong
+    except Exception:  # every kind of store has its own exceptions; reading the file reports the fault
         return 0, time.time_ns()
 
 
 def listed(url: str) -> list[str]:
-    """URLs of the files that fit a pattern with *, or that are in and below a folder; otherwise the URL itself."""
+    """URLs of the files that match a pattern with *, or that are in and below a folder; otherwise the URL itself."""
     with told(url):
         system, path = store_of(url)
         if "*" not in path and not system.isdir(path):
             return [url]
         found = [str(name) for name in (system.glob(path) if "*" in path else system.find(path))]
     _check_listing(found, path, url)
-    # Some stores have the host in their names, as buckets; others lose it.
+    # Some stores keep the host in their names, as the bucket; others drop it.
     scheme, _, rest = url.partition("://")
     host, _, inner = rest.partition("/")
     lost = host and unquote(path).strip("/") == unquote(inner).strip("/")
@@ -128,7 +128,7 @@ def listed(url: str) -> list[str]:
 
 
 def sizes_below(url: str) -> dict[str, int]:
-    """Bytes of the files in and below a folder, by their names from there, as the store has them now."""
+    """Sizes in bytes of the files in and below a folder, by their relative names, as the store has them now."""
     with told(url):
         system, path = store_of(url)
         system.invalidate_cache()
@@ -142,7 +142,7 @@ def sizes_below(url: str) -> dict[str, int]:
 
 
 def store_of(url: str) -> tuple[Any, str]:
-    """The file system of fsspec that a URL names, and the path in it."""
+    """The fsspec file system of a URL, and the path in it."""
     system, path = need("fsspec", "remote", shown(url)).core.url_to_fs(url)
     return system, str(path)
 
@@ -166,7 +166,7 @@ atexit.register(forget)
 
 
 def _copy(url: str, target: str) -> str:
-    """Copy to a file; returns the SHA-256."""
+    """Copy a URL's file to ``target``; return its SHA-256."""
     digest, count = hashlib.sha256(), 0
     with told(url):
         fsspec: Any = need("fsspec", "remote", shown(url))
@@ -183,7 +183,7 @@ def _copy(url: str, target: str) -> str:
 
 @contextmanager
 def told(url: str, kind: type[LogError | OutputError] = LogError) -> Iterator[None]:
-    """What fsspec and its stores raise, as an error that names the URL: LogError of what is read, or OutputError."""
+    """Convert exceptions of fsspec and its stores to errors that name the URL: LogError on reading, or OutputError."""
     done = "read" if kind is LogError else "written"
     try:
         yield
@@ -192,13 +192,13 @@ def told(url: str, kind: type[LogError | OutputError] = LogError) -> Iterator[No
     except ImportError as error:  # s3fs, gcsfs, aiohttp, ...
         message, remedy = f"its store needs another package: {error}", "install that package"
         raise kind(message, file=shown(url), remedy=remedy) from error
-    except Exception as error:  # every kind of store has exceptions of its own
+    except Exception as error:  # every kind of store has its own exceptions
         words, remedy = _without_secrets(str(error), url) or type(error).__name__, "check the URL and your rights there"
         raise kind(f"cannot be {done}: {words}", file=shown(url), remedy=remedy) from error
 
 
 def _without_secrets(words: str, url: str) -> str:
-    """Words about a URL without what ``shown`` leaves out of it, as a whole and in its parts."""
+    """Remove the secrets that ``shown`` omits from a message about a URL, as a whole and in parts."""
     user = url.partition("://")[2].partition("/")[0].rpartition("@")[0]
     query = re.split(r"[?#]", url, maxsplit=1)[1:] if url.startswith("http") else []
     secrets = {part for text in (user, *user.split(":"), *query) for part in (text, unquote(text)) if part}
@@ -227,10 +227,10 @@ def check_patterns(patterns: Mapping[str, str], file: str = "") -> None:
 def check_links(files: Mapping[str, str], named: str) -> None:
     """Refuse files of a log that are links out of its folder.
 
-    That holds for the named one, too: commands name a log by the file of its wrench, whichever the user has given.
+    This includes the named file: commands name a log by the file of its wrench, whichever file the user has given.
     """
     for key, file in files.items():
-        if is_url(named):  # what the * stands for comes from a listing
+        if is_url(named):  # a listing provides the text that * stands for
             inside = not _is_upward(file)
         else:
             folder = os.path.realpath(os.path.dirname(os.path.abspath(named)))
@@ -241,9 +241,9 @@ def check_links(files: Mapping[str, str], named: str) -> None:
 
 
 def copy_name(url: str) -> str:
-    """The name for the copy of what a URL names: a hash of it, and its suffix if a log may have it."""
+    """File name for the copy of a URL's file: a hash of the URL, and its suffix, which must be that of a log."""
     known = tuple(suffix + packed for suffix in (*SUFFIXES, *TABLES) for packed in ("", PACKED))
-    # What follows a ? is a query, or of an object store part of a name.
+    # The part after ? is a query, or in an object store part of the name.
     name, *whole = re.split(r"[?#]", url)[0], *([] if url.startswith("http") else [url])
     ends = (suffix for each in (name, *whole) for suffix in known if unquote(each).lower().endswith(suffix))
     suffix = max(ends, key=len, default="")
@@ -254,7 +254,7 @@ def copy_name(url: str) -> str:
 
 
 def is_below(name: str, folder: str) -> bool:
-    """Whether a name in a server's listing is that of what was asked for, or below it."""
+    """Whether a name in a server's listing is the requested path, or below it."""
     top = folder.partition("*")[0].rpartition("/")[0] if "*" in folder else folder.rstrip("/")
     if name != folder and not name.startswith(f"{top}/"):
         return False
@@ -262,12 +262,12 @@ def is_below(name: str, folder: str) -> bool:
 
 
 def _is_upward(name: str) -> bool:
-    """Whether a part of a name leads to the folder above, in whatever spelling a server or a system may read it."""
+    """Whether a part of a name leads to the parent folder, in any spelling that a server or a system may accept."""
     return ".." in re.split(r"[/\\]", unquote(name))
 
 
 def _is_chain(name: str) -> bool:
-    """Whether there is an address in a name, or what fsspec takes for one: ``zip::file:/...`` is several in a row."""
+    """Whether a name contains a URL, or a chain of them for fsspec, such as ``zip::file:/...``."""
     return "://" in name or "::" in name
 
 

@@ -1,1 +1,1 @@
-"""What the sensor should read: parameters, kinematics, the wrench of the tool, effects, simulation."""
+"""Model of the sensor's reading: parameters, kinematics, wrench of the tool, effects, simulation."""

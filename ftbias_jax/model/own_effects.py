@@ -1,7 +1,7 @@
-"""Effects that the caller brings: from a Python file, from an installed package, or made in a program.
+"""User-defined effects: from a Python file, from an installed package, or made in a program.
 
-Loading runs code, so it happens only where the caller asks for it; no setup and no log can name what is run. Whether a
-log can show effects at all is told here, too: some are of the joints of an arm.
+Loading runs code, so it happens only where the caller asks for it; no setup and no log can name code to run. This
+module also determines which effects are observable in a setup's logs: some act on the joints of an arm.
 """
 
 import importlib.util
@@ -25,24 +25,24 @@ from ftbias_jax.model.effects.types import Effect, Parameter
 from ftbias_jax.setup.types import Setup
 
 GROUP = "ftbias_jax.effects"
-"""Entry points of packages that bring effects: each names an ``Effect`` or several."""
+"""Entry point group of packages that provide effects; each entry point names one ``Effect`` or several."""
 STAGES = tuple(dict.fromkeys(effect.stage for effect in CATALOGUE.values()))
 
 
 def catalogue_of_setup(setup: Setup) -> Catalogue:
-    """The built-in effects and those that the setup's caller has brought.
+    """Catalogue of the built-in effects and the user-defined effects of a setup.
 
     Raises:
-        UsageError: one of these is no entry of a catalogue: two of a name, an unknown stage, nothing that acts.
+        UsageError: a user-defined effect is not a valid entry: duplicate name, unknown stage, or no function that acts.
     """
     return catalogue_with(setup.own_effects)
 
 
 def catalogue_with(own: Sequence[Any]) -> Catalogue:
-    """The built-in effects and further ones.
+    """Catalogue of the built-in effects and the given ones.
 
     Raises:
-        UsageError: as ``catalogue_of_setup``.
+        UsageError: as for ``catalogue_of_setup``.
     """
     known = {*CATALOGUE, TERM}
     for effect in own:
@@ -54,16 +54,16 @@ def catalogue_with(own: Sequence[Any]) -> Catalogue:
 
 
 def load_effects(source: str | os.PathLike[str]) -> tuple[Effect, ...]:
-    """Effects of a Python file, or of an installed package that offers them by the entry point ``ftbias_jax.effects``.
+    """Load effects from a Python file, or from an installed package with the entry point ``ftbias_jax.effects``.
 
     Args:
         source: a path that ends in .py, or the name of an entry point.
 
     Returns:
-        every ``Effect`` that the file names, or those of its ``EFFECTS`` if it has such a list, in their order.
+        every ``Effect`` at the top level of the file, or those in its list ``EFFECTS`` if it has one, in their order.
 
     Raises:
-        UsageError: nothing is there, the code fails, or it holds no effect.
+        UsageError: the source does not exist, its code fails, or it defines no effect.
     """
     name = os.fspath(source)
     offered = {entry.name: entry for entry in installed()}
@@ -83,12 +83,12 @@ def load_effects(source: str | os.PathLike[str]) -> tuple[Effect, ...]:
 
 @lru_cache
 def load_all(sources: tuple[str, ...]) -> tuple[Effect, ...]:
-    """Effects of several sources, each run once by a process: what was compiled for them is then used again."""
+    """Load effects from several sources, each run once per process, so that functions compiled for them are reused."""
     return tuple(effect for source in sources for effect in load_effects(source))
 
 
 def installed() -> tuple[EntryPoint, ...]:
-    """What installed packages offer; nothing of it is run."""
+    """Entry points of installed packages that provide effects; none of their code is run."""
     return tuple(entry_points(group=GROUP))
 
 
@@ -110,7 +110,7 @@ def _run(name: str, load: Any) -> Any:
         return load()
     except FtbiasError:
         raise
-    except Exception as error:  # the caller's code: whatever it raises is told with its line
+    except Exception as error:  # The code is the caller's, so whatever it raises is reported with its line.
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(name)]
         line = getattr(error, "lineno", None) or (lines[-1] if lines else None)
         where = f"line {line}" if line else ""
@@ -119,14 +119,14 @@ def _run(name: str, load: Any) -> Any:
 
 
 def fault_of(effect: Any, known: Iterable[str] = CATALOGUE) -> str:
-    """What keeps an object from being an entry beside the known names, in a sentence; "" = nothing that can be seen."""
+    """Reason, as a sentence, why an object is no valid entry beside the known names; "" = no fault was found."""
     if not isinstance(effect, Effect):
         return f"expected an Effect, got {type(effect).__name__}"
     return next((f"effect {effect.name!r}: {fault}" for fault in _faults(effect, set(known))), "")
 
 
 def _faults(effect: Effect, known: set[str]) -> Iterator[str]:
-    """What is wrong with an effect; what comes later may rely on there being nothing before."""
+    """Faults of an effect, in order; a check may assume that all checks before it found no fault."""
     if not _is_key(effect.name):
         yield "a name has letters, digits and underscores"
     if effect.name in known:
@@ -152,7 +152,7 @@ def _faults(effect: Effect, known: set[str]) -> Iterator[str]:
 
 
 def _faults_of_fit(effect: Effect) -> Iterator[str]:
-    """What is wrong with what an effect says about its fit."""
+    """Faults of the ``fit`` entry of an effect, in order."""
     fit: Any = effect.fit
     if not isinstance(fit, fitting.Fitting):
         yield f"expected a Fitting, got {type(fit).__name__}"
@@ -222,7 +222,7 @@ OF_ACCELERATION = "the sensor's acceleration is not recorded"
 
 
 def not_shown(setup: Setup) -> dict[str, str]:
-    """Effects that no log of this setup can show, and why."""
+    """Effects that are unobservable in any log of this setup: name -> reason."""
     if setup.pose is None:
         return {}
     why = {"joints": OF_JOINTS} | ({"acceleration": OF_ACCELERATION} if setup.pose.linear == "none" else {})
@@ -231,7 +231,7 @@ def not_shown(setup: Setup) -> dict[str, str]:
 
 
 def check_shown(effects: Mapping[str, Any], setup: Setup, error: MakeError = SetupError, prefix: str = "") -> None:
-    """Refuse effects, name -> values as written, that no log of this setup can show."""
+    """Raise an error for effects, name -> values as written, that are unobservable in any log of this setup."""
     reasons = not_shown(setup)
     of_terms = [section for section in effects.get(TERM, ()) if isinstance(section, Mapping)]
     if setup.pose is not None and any("joint" in f"{s.get('drive')} {s.get('frame')}" for s in of_terms):

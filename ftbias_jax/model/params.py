@@ -1,4 +1,4 @@
-"""Everything the filter believes about robot, tool, sensor and noise, as one differentiable bundle of arrays."""
+"""Parameters of robot, tool, sensor and noise that the filter assumes, as one differentiable bundle of arrays."""
 
 from dataclasses import replace
 from functools import partial
@@ -23,18 +23,18 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 NOISE_LEVEL = "noise_level"
-"""Effect whose noise is the sensor's own, only of another size."""
+"""Name of the effect that scales the sensor's own noise."""
 
 
 class JointNoise(NamedTuple):
-    """Noise of the joint filter."""
+    """Noise and prior of the joint filter."""
 
     process_density: Float[Array, " n"]
     """(n,) strength of the process noise, units of the process model (rad/s^2.5 for integrated jerk)."""
     position_std: Float[Array, " n"]
-    """(n,) eta_q, rad."""
+    """(n,) eta_q, rad: standard deviation of the position noise."""
     velocity_std: Float[Array, " n"]
-    """(n,) eta_dq, rad/s."""
+    """(n,) eta_dq, rad/s: standard deviation of the velocity noise."""
     prior_std: Float[Array, " 3"]
     """(3,) rad, rad/s, rad/s^2: square root of P_0; wide enough for a log that starts in motion (errata 15)."""
 
@@ -53,35 +53,35 @@ class BiasNoise(NamedTuple):
     prior_std: Float[Array, " 12"]
     """(12,) square root of the diagonal of P_0."""
     vibration: Array | None = None
-    """(s, 6) N^2/(rad/s)^2, Nm^2/(rad/s)^2: what the squared speed of each joint, or that of the turning of a recorded
-    pose, adds to the variance of each axis (``speeds_of``); None = nothing."""
+    """(s, 6) N^2/(rad/s)^2, Nm^2/(rad/s)^2: variance of each axis per squared speed of each joint, or per squared
+    angular speed of a recorded pose (``speeds_of``); None = no such noise."""
     vibration_speed: Float[Array, ""] | None = None
-    """() rad/s from which that grows with the speed alone: it counts as dq^2 / sqrt(1 + (dq / vibration_speed)^2);
-    None = with its square at any speed."""
+    """() rad/s above which this variance grows with the speed instead of its square: the squared speed counts as
+    dq^2 / sqrt(1 + (dq / vibration_speed)^2); None = with the square at any speed."""
     correlated_std: Array | None = None
-    """(6,) N, Nm: noise that is correlated in time, a first-order Gauss-Markov process on each axis; None = white."""
+    """(6,) N, Nm: time-correlated noise, a first-order Gauss-Markov process on each axis; None = white noise only."""
     correlated_time: Array | None = None
-    """(6,) s, its correlation time; None exactly where ``correlated_std`` is None."""
+    """(6,) s: correlation time of that process; None exactly where ``correlated_std`` is None."""
     correlated_vibration: Array | None = None
-    """(6,) share of the vibration, 0 to 1, that is correlated with the same time; None = none of it."""
+    """(6,) share of the vibration noise, 0 to 1, that has the same correlation time; None = none of it."""
     drift_time: Array | None = None
-    """(6,) s in which the drift reverts to zero; None = it never does (report, section 3)."""
+    """(6,) s: time constant with which the drift reverts to zero; None = it never does (report, section 3)."""
 
     @property
     def in_motion(self) -> MotionNoise | None:
-        """What the motion of the joints adds to the noise; None = nothing."""
+        """Noise that the motion of the joints adds; None = none."""
         return None if self.vibration is None else MotionNoise(self.vibration, self.vibration_speed)
 
     def at_rest(self) -> Self:
-        """The same without what the motion adds to the noise."""
+        """The same noise and prior without the noise that motion adds."""
         return self._replace(vibration=None, vibration_speed=None)
 
 
 class Params(NamedTuple):
-    """Everything the filter believes; a pytree, differentiable in every leaf."""
+    """Parameters of the filter's model; a pytree, differentiable in every leaf."""
 
     arm: Any
-    """What carries the sensor: a screws.Arm, or where the sensor's pose is recorded a free_body.FreeBody."""
+    """What carries the sensor: a ``screws.Arm``, or a ``recorded_pose.FreeBody`` if the sensor's pose is recorded."""
     gravity: Float[Array, " 3"]
     """(3,) m/s^2, base frame, pointing down."""
     theta: Float[Array, " 10"]
@@ -89,27 +89,26 @@ class Params(NamedTuple):
     joint: JointNoise
     bias: BiasNoise
     effects: Values | None = None
-    """Known effects of the catalogue. They may need the whole log: ``pipeline.run`` takes them, ``step`` refuses."""
+    """Known effects of the catalogue. They may need the whole log: ``pipeline.run`` takes them, ``step`` does not."""
 
 
 _tool_parameters = keep_program()(tool_parameters)
 
 
 def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
-    """Parameters of the filter as the robot's owner states them.
+    """Parameters of the filter as the setup states them.
 
     Args:
-        setup: what ``load_setup`` read; a joint process noise it leaves open becomes 1 here
-            (``params_for_log`` chooses it from the log).
+        setup: from ``load_setup``; unstated joint process noise becomes 1 (``params_for_log`` chooses it from the log).
         dtype: of all arrays; None = JAX's default (float32, float64 in x64 mode).
 
     Raises:
         SetupError: the setup does not state the tool's mass or centre of mass.
     """
-    # The tool is guessed only where the reading has nothing of it.
+    # An unstated tool is guessed only where the reading does not depend on the tool.
     setup = with_noise_as_known(with_guessed_tool(require_tool(setup)))
     sensor, n = setup.sensor, len(setup.robot.screws)
-    # What the controller has subtracted is not in the reading: all that the tool causes, or its weight alone.
+    # The controller may have subtracted the tool's whole wrench, or its weight alone, so that is not in the reading.
     there = {name: float(sensor.compensated != name) for name in ("weight", "tool")}
     of_tool = (np.asarray(x) for x in (setup.tool.mass, setup.tool.center_of_mass, setup.tool.inertia))
     theta = _tool_parameters(*(as_array(x, dtype) for x in of_tool))
@@ -145,9 +144,9 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
 
 
 def with_noise_as_known(setup: Setup) -> Setup:
-    """The setup with its effect ``noise_level``, if it has it, in ``sensor.noise_std``, and without that effect.
+    """The setup with its effect ``noise_level``, if any, merged into ``sensor.noise_std`` and removed.
 
-    Whatever is measured by the sensor's noise, such as the model's error, then goes by the noise that is there.
+    Quantities that are expressed relative to the sensor's noise, such as the model's error, then use the actual noise.
     """
     if NOISE_LEVEL not in setup.effects:
         return setup
@@ -158,9 +157,9 @@ def with_noise_as_known(setup: Setup) -> Setup:
 
 
 def _split_noise(values: Values, speeds: int, file: str, catalogue: Catalogue) -> tuple[Values, dict[str, Array]]:
-    """Effects that the filter knows as such, and fields of ``BiasNoise`` for those that it knows as noise.
+    """Split effects into those the filter models as effects, and ``BiasNoise`` fields of those it models as noise.
 
-    What such an effect states beside its rows is left out where it is infinite, which is neutral.
+    Further parameters of a noise effect are omitted where they are infinite, because that is their neutral value.
     """
     noise, others = {}, dict(values)
     for name in values.keys() & catalogue.keys():
@@ -179,7 +178,7 @@ def _split_noise(values: Values, speeds: int, file: str, catalogue: Catalogue) -
 
 
 def _sensor_base(setup: Setup, dtype: Any) -> Arm | FreeBody:
-    """What carries the sensor."""
+    """Arm or free body that carries the sensor."""
     robot, sensor = setup.robot, setup.sensor
     if setup.pose is not None:
         return FreeBody(as_array(setup.pose.lever(sensor.translation), dtype), as_array(sensor.rotation, dtype))
@@ -189,7 +188,7 @@ def _sensor_base(setup: Setup, dtype: Any) -> Arm | FreeBody:
 
 
 def _data_variance(setup: Setup, dtype: Any) -> Float[Array, " 36"] | None:
-    """(36,) diagonal of Sigma_D, or None for zeros, which then costs nothing."""
+    """(36,) diagonal of Sigma_D, or None for zeros, which saves the computation."""
     noise = setup.data_noise
     if noise is None:
         return None
@@ -200,7 +199,7 @@ def _data_variance(setup: Setup, dtype: Any) -> Float[Array, " 36"] | None:
 
 
 def unknown_acceleration(setup: Setup) -> Float[Array, " 6"]:
-    """(6,) N^2, Nm^2: variance of the tool's wrench by accelerations that nobody recorded, the same in all axes."""
+    """Variance (6,) N^2, Nm^2 of the tool's wrench due to unrecorded accelerations, which are the same in all axes."""
     if setup.pose is None or setup.pose.linear != "none" or setup.sensor.compensated == "tool":
         return np.zeros(6)
     center = setup.tool.center_of_mass

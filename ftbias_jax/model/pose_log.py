@@ -1,4 +1,4 @@
-"""Simulated logs of a sensor whose pose is recorded: how it tumbles, and what is recorded of that."""
+"""Simulated logs of a sensor whose pose is recorded: its tumbling motion, and the recorded arrays."""
 
 from collections.abc import Callable
 
@@ -18,15 +18,15 @@ from ftbias_jax.setup.rotations import vector_from_rotation
 from ftbias_jax.setup.types import Setup
 
 TURNS, SHIFTS = 1.2, 0.15
-"""rad about three axes, m along them: excursions of a simulated motion, within what a wrist can do."""
+"""rad about three axes, m along them: excursions of a simulated motion, within the range of a wrist."""
 Generate = Callable[[Array, Array, Array, Array], Trajectory]
-"""(key, t, center, excursion) -> motion of as many independent coordinates: of ``trajectories``."""
+"""(key, t, center, excursion) -> motion of one independent coordinate per entry of ``center`` (``trajectories``)."""
 
 
 def tumbling(generate: Generate, key: Array, t: Float[Array, " T"], entries: int) -> Trajectory:
-    """A motion at t (T,) s that turns about three axes and shifts along three, as 4 or 7 entries of a pose.
+    """Motion at t (T,) s that rotates about three axes and translates along three, as 4 or 7 entries of a pose.
 
-    They are a quaternion (w, x, y, z), and a position; ``generate`` makes angles and positions.
+    The entries are a quaternion (w, x, y, z) and, if there are 7, a position; ``generate`` makes angles and positions.
     """
     count = entries - 1  # three angles, and three positions if there are any
     excursion = jnp.asarray([TURNS] * 3 + [SHIFTS] * 3, t.dtype)[:count]
@@ -43,7 +43,7 @@ def tumbling(generate: Generate, key: Array, t: Float[Array, " T"], entries: int
 
 
 def _entries(x: Array) -> Array:
-    """Quaternion of turns about x, then y, then z, (3,) rad, and the position (3,) m, if there is one."""
+    """Quaternion of rotations about x, then y, then z by (3,) rad, followed by the position (3,) m, if there is one."""
     (cx, cy, cz), (sx, sy, sz) = jnp.cos(x[:3] / 2), jnp.sin(x[:3] / 2)
     w = cx * cy * cz + sx * sy * sz
     v = [sx * cy * cz - cx * sy * sz, cx * sy * cz + sx * cy * sz, cx * cy * sz - sx * sy * cz]
@@ -53,9 +53,10 @@ def _entries(x: Array) -> Array:
 def recorded_arrays(
     setup: Setup, made: Simulation, trajectory: Trajectory, body: FreeBody, key: Array
 ) -> dict[str, np.ndarray]:
-    """What a recording of the simulated log has of its motion, by the names of the native format.
+    """Arrays that a recording of the simulated log has of its motion, under the names of the native format.
 
-    The entries of the pose have their noise, the gyroscope's is drawn here; a simulated accelerometer has none.
+    The entries of the pose have their noise already, that of the gyroscope is drawn here, and a simulated accelerometer
+    has none.
     """
     pose = setup.pose
     assert pose is not None
@@ -72,7 +73,7 @@ def recorded_arrays(
         force = motion.acceleration - jnp.asarray(setup.robot.gravity)[:, None]
         felt = (jnp.einsum("jit,jt->ti", motion.sensor_rotation, x) for x in (motion.angular_velocity, force))
         turning, pushing = (np.asarray(x) for x in felt)
-        std = 2 * setup.joints.velocity_noise_std[0]  # an angle moves the quaternion by half of it
+        std = 2 * setup.joints.velocity_noise_std[0]  # A quaternion changes by half of the angle.
         noise = np.asarray(jax.random.normal(jax.random.fold_in(key, 1), turning.shape))
         if pose.gyroscope:
             arrays["angular_velocity"] = degrees * (turning + std * noise) @ pose.imu_rotation
@@ -82,7 +83,7 @@ def recorded_arrays(
 
 
 def entries_of(setup: Setup, t: np.ndarray, arrays: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Entries of the pose and their rates, as a reader makes them of these arrays."""
+    """Entries of the pose and their rates, as a log reader computes them from these arrays."""
     flat = {name: values.reshape(len(values), -1) for name, values in arrays.items()}
     pose = np.concatenate([flat[name] for name in ("orientation", "position") if name in flat], 1)
     rates = [flat[name] for name in ("angular_velocity", "specific_force") if name in flat]
@@ -90,7 +91,7 @@ def entries_of(setup: Setup, t: np.ndarray, arrays: dict[str, np.ndarray]) -> tu
 
 
 def with_positions(log: Log) -> Log:
-    """A log whose positions are open, with those that its recorded velocities add up to, so that it can be replayed."""
+    """Log with missing positions filled by integration of its recorded velocities, so that it can be replayed."""
     if log.q.shape[1] < 7 or np.isfinite(log.q[1:, 4:]).any():
         return log
     rows = np.flatnonzero(np.isfinite(log.dq[:, 4:]).all(1))
@@ -101,7 +102,7 @@ def with_positions(log: Log) -> Log:
 
 
 def _as_stated(quaternion: np.ndarray, pose: PoseSetup, degrees: float) -> np.ndarray:
-    """Quaternions (T, 4) w, x, y, z in the order or form that the setup states; angles in rad times ``degrees``."""
+    """Quaternions (T, 4) w, x, y, z in the order or representation of the setup; angles in rad times ``degrees``."""
     if pose.orientation == "quaternion_xyzw":
         return quaternion[:, [1, 2, 3, 0]]
     if pose.orientation == "quaternion_wxyz":

@@ -1,7 +1,7 @@
-"""A simulated log: joint motion -> wrench of the tool with effects -> bias process -> noise -> samples.
+"""Simulation of a log: joint motion -> wrench of the tool with effects -> bias process -> noise -> samples.
 
-Pure and seeded by JAX keys; ``vmap`` over keys, parameters, trajectories and effects makes many logs at once. On a CPU
-``jax.lax.map`` is twice as fast, for one log fits its cache and many do not.
+The functions are pure and seeded by JAX keys; ``vmap`` over keys, parameters, trajectories and effects makes many logs
+together. On a CPU ``jax.lax.map`` is twice as fast, because one log fits its cache and many do not.
 """
 
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from ftbias_jax.types import Array
 
 
 class Simulation(NamedTuple):
-    """A log and what is true about it."""
+    """A simulated log and its ground truth."""
 
     t: Array
     """(T,) s."""
@@ -31,19 +31,19 @@ class Simulation(NamedTuple):
     wrench: Array
     """(T, 6) N, Nm as the sensor reads it: clean - bias process + noise; NaN = lost sample."""
     wrench_tool: Array
-    """(T, 6) N, Nm of the tool that the setup states: no effect, no bias, no noise."""
+    """(T, 6) N, Nm: wrench of the tool that the setup states, without effects, bias or noise."""
     bias: Array
-    """(T, 6) N, Nm, sign of the report: the bias process and the effects of the bias stage."""
+    """(T, 6) N, Nm, sign of the report: the bias process plus the effects of the bias stage."""
     drift: Array
-    """(T, 6) N/s, Nm/s, of the bias process."""
+    """(T, 6) N/s, Nm/s: drift of the bias process."""
     wrench_clean: Array
-    """(T, 6) N, Nm, what the sensor would read without bias process and noise: ``compose.predict``."""
+    """(T, 6) N, Nm: reading of the sensor without bias process and noise (``compose.predict``)."""
     temperature: Array
     """(T,) deg C."""
 
 
 def bias_process(key: Array, t: Array, density: Array, initial: Array, initial_drift: Array) -> tuple[Array, Array]:
-    """A sample path of the bias model: the drift is integrated white noise, exact at the stamps.
+    """Sample path of the bias model, exact at the stamps: the drift is integrated white noise.
 
     Args:
         key: JAX key.
@@ -65,21 +65,21 @@ def bias_process(key: Array, t: Array, density: Array, initial: Array, initial_d
 
 
 def bias_steps(dt: Array, density: Array, kick: Array, slip: Array) -> tuple[Array, Array]:
-    """What noise adds to drift and bias in steps of dt (T, 1) s, from standard normals (T, 6), NumPy or JAX.
+    """Process noise of drift and bias over steps of dt (T, 1) s, from standard normals (T, 6), NumPy or JAX.
 
-    By the Cholesky factor of [[dt, dt^2/2], [dt^2/2, dt^3/3]], the covariance of a step of (drift, bias).
+    It uses the Cholesky factor of [[dt, dt^2/2], [dt^2/2, dt^3/3]], the covariance of a step of (drift, bias).
     """
     drift_step = dt**0.5 * density * kick
     return drift_step, dt * drift_step / 2 + (dt**3 / 12) ** 0.5 * density * slip
 
 
 def temperature_course(t: Array) -> Array:
-    """A sensor that warms by 6 K and cools again over the log, (T,) deg C: no straight line and no exponential."""
+    """Temperature (T,) deg C of a sensor that warms by 6 K and cools again: neither a straight line nor exponential."""
     return 28 - 3 * jnp.cos(2 * jnp.pi * t / jnp.maximum(t[-1], 1e-9))
 
 
 def _effects_of_noise(params: Params) -> Values:
-    """Effects of the catalogue that the filter knows as noise, with the values that it believes."""
+    """Effects of the catalogue that the filter models as noise, with their values in ``params``."""
     values = {}
     for effect in CATALOGUE.values():
         field = effect.filter_noise
@@ -100,19 +100,19 @@ def simulate(
     temperature: Array | None = None,
     columns: dict[str, Array] | None = None,
 ) -> Simulation:
-    """A log of the given motion by the filter's own model and the given effects, noise as stated in params.
+    """Simulate a log of the given motion with the filter's own model, the given effects and the noise of params.
 
-    The bias starts at a draw from the prior (mean and P_0 of params.bias). Noise that params.bias says grows with the
-    motion is the effect ``vibration``, unless ``effects`` has it with other values. The trajectory is what the encoders
-    say: with ``encoder_offset`` the arm is elsewhere.
+    The bias starts at a draw from the prior (mean and P_0 of params.bias). Noise that grows with the motion according
+    to params.bias becomes the effect ``vibration``, unless ``effects`` has it with other values. The trajectory is the
+    reading of the encoders: with ``encoder_offset`` the true pose of the arm differs.
 
     Args:
         key: JAX key; the same key gives the same bias and noise with any effects.
-        params: what the setup states.
-        trajectory: (T, ...).
+        params: parameters as stated in the setup.
+        trajectory: joint motion, (T, ...).
         effects: effect -> parameters; None = none.
         temperature: (T,) deg C; None = constant.
-        columns: name -> (T,) further quantities for effects to see; None = none.
+        columns: name -> (T,) further quantities that effects may depend on; None = none.
     """
     t, q, dq, ddq = trajectory
     effects = values_of(_effects_of_noise(params) | (effects or {}), catalogue_of(effects or {}))

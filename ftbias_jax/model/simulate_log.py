@@ -1,4 +1,4 @@
-"""The verb ``simulate``: a log as a setup's robot would record it, and what is true about it."""
+"""The verb ``simulate``: a log as the robot of a setup would record it, and its ground truth."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -40,18 +40,18 @@ from ftbias_jax.types import Array
 
 
 class Truth(NamedTuple):
-    """What is true at every stamp of a simulated log; numpy arrays, sensor frame, wrench on the tool."""
+    """Ground truth at every stamp of a simulated log; numpy arrays, sensor frame, wrench on the tool."""
 
     t: Array
     """(T,) s."""
     bias: Array
-    """(T, 6) N, Nm: unbiased = measured + bias; the bias process and the effects of the bias stage."""
+    """(T, 6) N, Nm, with unbiased = measured + bias: the bias process plus the effects of the bias stage."""
     drift: Array
-    """(T, 6) N/s, Nm/s, of the bias process."""
+    """(T, 6) N/s, Nm/s: drift of the bias process."""
     wrench_clean: Array
-    """(T, 6) N, Nm, what the sensor would read without bias process and noise."""
+    """(T, 6) N, Nm: reading of the sensor without bias process and noise."""
     wrench_tool: Array
-    """(T, 6) N, Nm, of the tool that the setup states: no effect, no bias, no noise."""
+    """(T, 6) N, Nm: wrench of the tool that the setup states, without effects, bias or noise."""
     q: Array
     """(T, n) rad, joint positions without noise."""
     dq: Array
@@ -62,33 +62,33 @@ class Truth(NamedTuple):
     """Effect -> parameter -> value."""
 
     def arrays(self) -> dict[str, Array]:
-        """Named arrays as they stand in a file; effect parameters as ``effects.NAME.PARAMETER``."""
+        """Arrays by name, as written to a file; effect parameters are ``effects.NAME.PARAMETER``."""
         series = {name: value for name, value in self._asdict().items() if name != "effects"}
         return series | {f"effects.{e}.{p}": x for e, values in plain(self.effects).items() for p, x in values.items()}
 
 
 @dataclass(frozen=True, eq=False)
 class SimulationResult:
-    """A simulated log and the truth about it."""
+    """A simulated log and its ground truth."""
 
     log: Log
-    """As ``read_log`` would give it: the wrench on the tool."""
+    """The log as ``read_log`` would return it, with the wrench on the tool."""
     truth: Truth
     setup: Setup
-    """What the log's owner believes."""
+    """The setup as given to ``simulate``: the nominal model, without the effects that were added."""
     seed: int
     recorded: Mapping[str, Array]
-    """What a recording has of the motion, by the names of the native format: q and dq, or orientation and so on."""
+    """Recorded arrays of the motion, under the names of the native format: q and dq, or orientation and so on."""
 
     def save(self, path: str | os.PathLike[str], truth: str | os.PathLike[str] | None = None) -> None:
-        """Write the log in the sign that the setup's sensor reports, and the truth if it gets a name.
+        """Write the log in the sign that the setup's sensor reports, and the ground truth if ``truth`` is given.
 
         Args:
-            path: of the log, .npz.
-            truth: of the truth: .npz with every stamp, or .json with the effects and the bias once a second.
+            path: file of the log, .npz.
+            truth: file of the ground truth: .npz with every stamp, or .json with the effects and the bias at 1 Hz.
 
         Raises:
-            UsageError: another suffix, or one name for both. OutputError: a file cannot be written.
+            UsageError: another suffix, or the same name for both. OutputError: a file cannot be written.
         """
         _check_paths(os.fspath(path), None if truth is None else os.fspath(truth))
         wrench = self.log.wrench if self.setup.sensor.reports == "wrench_on_tool" else -self.log.wrench
@@ -108,7 +108,7 @@ class SimulationResult:
 
     @property
     def provenance(self) -> Provenance:
-        """What it was made from, as files say it; the effects are in the truth alone."""
+        """Provenance of the log as written to files; the effects are in the ground truth alone."""
         return provenance(self.setup, [source_of(self.log)], {"simulated": True, "seed": self.seed})
 
     def __str__(self) -> str:
@@ -116,7 +116,7 @@ class SimulationResult:
         return f"{len(self.log.t)} samples, {float(self.log.t[-1]):.1f} s, effects: {names}"
 
     def _summary(self) -> dict[str, Any]:
-        """What is true, in short: the effects, and the bias once a second."""
+        """Summary of the ground truth: the effects, and the bias once a second."""
         t = self.truth.t
         seconds = np.searchsorted(t, np.arange(np.floor(t[-1]) + 1))
         effects = plain(self.truth.effects)
@@ -142,28 +142,28 @@ def simulate(
     """Simulate a log of the setup's robot, sensor and tool, with effects of the catalogue; the noise is the setup's.
 
     Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's cache folder
-    (``FTBIAS_CACHE=off`` does not).
+    (not with ``FTBIAS_CACHE=off``).
 
     Args:
-        setup: robot, sensor, tool, noise and effects, or its path.
-        effects: effect -> parameter -> value, in the catalogue's units, on top of the setup's; {} = typical values.
+        setup: robot, sensor, tool, noise and effects, or the path of the setup.
+        effects: effect -> parameter -> value, in the catalogue's units, added to the setup's; {} = typical values.
         duration: s.
-        rate: samples a second.
-        motion: "sines", "moves", or a log whose joints or poses are replayed, with its own stamps. Of a setup with
-            sensor_pose the sensor turns and shifts about and along three axes.
-        seed: of the random numbers; the same gives the same motion, bias and noise with any effects.
-        own: effects of your own beside those of the catalogue.
-        columns: name -> (T,) further quantities that effects look at, at the stamps; None = those of the log that is
-            replayed.
+        rate: samples per second.
+        motion: "sines", "moves", or a log whose joints or poses are replayed, with its own stamps. If the setup has
+            sensor_pose, the sensor rotates about three axes and translates along them.
+        seed: seed of the random numbers; the same seed gives the same motion, bias and noise with any effects.
+        own: user-defined effects beside those of the catalogue.
+        columns: name -> (T,) further quantities at the stamps that effects may depend on; None = those of the replayed
+            log.
 
     Raises:
-        SetupError: an effect of the setup is unknown or impossible. UsageError: one of ``effects`` is, or another
-            argument.
+        SetupError: an effect of the setup is unknown or impossible. UsageError: one of ``effects`` is unknown or
+            impossible, or another argument is invalid.
     """
     setup = as_setup(setup, own)
     check_motion(duration, rate, motion)
     params = params_from_setup(setup)
-    # Accelerations that nobody records count as noise for the filter; a simulated sensor turns where it stands.
+    # Unrecorded accelerations are noise for the filter, but a simulated sensor rotates in place.
     params = params._replace(bias=params.bias._replace(wrench_variance=jnp.asarray(setup.sensor.noise_std) ** 2))
     model = Model(params.arm, params.gravity, params.theta)
     catalogue = catalogue_of_setup(setup)
@@ -202,11 +202,11 @@ def _check_paths(path: str, truth: str | None) -> None:
 
 
 MOST_SAMPLES = 100_000_000
-"""Of one simulated log: a day at 1 kHz."""
+"""Maximum number of samples of one simulated log: a day at 1 kHz."""
 
 
 def trajectory_of(setup: Setup, motion: str | Log, duration: float, rate: float, key: Array) -> Trajectory:
-    """The motion that is asked for."""
+    """Trajectory of the requested motion."""
     if isinstance(motion, Log):
         return trajectories.replay(motion if setup.pose is None else with_positions(motion))
     t = jnp.arange(max(round(duration * rate), 2)) / rate
@@ -218,7 +218,7 @@ def trajectory_of(setup: Setup, motion: str | Log, duration: float, rate: float,
 
 
 def check_motion(duration: float, rate: float, motion: str | Log) -> None:
-    """Refuse a motion that is not known, and lengths that are none."""
+    """Raise an error for an unknown motion, a duration or rate that is not positive, and too many samples."""
     if not isinstance(motion, Log) and motion not in ("sines", "moves"):
         raise UsageError(f"got {motion!r}", field="motion", remedy="give 'sines', 'moves', or a log that read_log read")
     for name, value in {"duration": duration, "rate": rate}.items():
@@ -230,7 +230,7 @@ def check_motion(duration: float, rate: float, motion: str | Log) -> None:
 
 
 def columns_of(columns: Mapping[str, Array] | None, motion: str | Log, t: Array) -> dict[str, Array]:
-    """(T,) further quantities at the stamps."""
+    """Further quantities at the stamps: name -> (T,)."""
     if columns is None:
         return {name: column.at(t) for name, column in motion.columns.items()} if isinstance(motion, Log) else {}
     made = {name: np.asarray(values, float) for name, values in columns.items()}
@@ -242,7 +242,7 @@ def columns_of(columns: Mapping[str, Array] | None, motion: str | Log, t: Array)
 
 
 def check_needs(catalogue: Catalogue, values: Values, columns: Mapping[str, Array]) -> None:
-    """Refuse effects that look at a quantity which nobody gave."""
+    """Raise an error for effects that depend on a column which is not given."""
     for name in (name for name in values if name in catalogue):
         for need in catalogue[name].needs:
             if need != "temperature" and need not in columns:
@@ -251,7 +251,7 @@ def check_needs(catalogue: Catalogue, values: Values, columns: Mapping[str, Arra
 
 
 def all_values(setup: Setup, effects: Mapping[str, Mapping[str, Any]], model: Model) -> Values:
-    """Effects of the setup with others on top, in the catalogue's order; {} stands for typical values."""
+    """Values of the setup's effects, overridden by ``effects``, in the catalogue's order; {} = typical values."""
     catalogue = catalogue_of_setup(setup)
     checked = check_effects(effects, catalogue)
     check_shown(effects, setup, partial(UsageError, file="effects"))
@@ -266,6 +266,6 @@ def plain(effects: Values) -> Values:
 
 
 def check_effects(effects: Mapping[str, Mapping[str, Any]], catalogue: Catalogue, file: str = "effects") -> Values:
-    """Values of the effects that state any; an unknown name, a wrong shape or a value out of bounds is refused."""
+    """Checked values of the effects that state any; unknown names, wrong shapes and exceeded bounds are refused."""
     stated = {name: values for name, values in effects.items() if values or name not in catalogue}
     return check_values(stated, partial(UsageError, file=file), catalogue=catalogue)

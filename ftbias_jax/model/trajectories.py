@@ -16,7 +16,7 @@ SPACING = 0.05
 """s between the knots of a recorded motion's splines."""
 FRANKA_CENTER = (0.0, -0.6, 0.0, -2.0, 0.0, 1.8, 0.8)  # rad, a pose with the tool in front of the arm
 FRANKA_EXCURSION = (0.8, 0.5, 0.8, 0.5, 1.2, 1.0, 1.5)  # rad, within the joint limits around it
-EXCURSION = (0.8, 0.1)  # rad, m: of the joints of any other arm, around zero
+EXCURSION = (0.8, 0.1)  # rad, m: excursion of the joints of any other arm, around zero
 
 
 class Trajectory(NamedTuple):
@@ -33,7 +33,7 @@ class Trajectory(NamedTuple):
 
 
 def working_range(setup: Setup) -> tuple[Array, Array]:
-    """Center and excursion (n,) rad of a sensible motion of the robot."""
+    """Centre and excursion (n,) rad of a sensible motion of the robot."""
     if setup.robot.model.split("_")[0] in ("panda", "fr3"):
         return np.array(FRANKA_CENTER), np.array(FRANKA_EXCURSION)
     revolute = np.abs(setup.robot.screws[:, 3:]).sum(1) > 0
@@ -45,7 +45,7 @@ def working_range(setup: Setup) -> tuple[Array, Array]:
     return np.clip(0.0, lowest + excursion, highest - excursion), excursion
 
 
-@partial(jax.jit, static_argnames="harmonics")  # or its loop would be compiled anew for every log
+@partial(jax.jit, static_argnames="harmonics")  # Without jit, the loop would be compiled again for every log.
 def excitation_sines(
     key: Array, t: Array, center: Array, amplitude: Array, harmonics: int = 4, base_frequency: float = 0.05
 ) -> Trajectory:
@@ -59,7 +59,7 @@ def excitation_sines(
     share = jax.random.exponential(weight_key, (harmonics, n), t.dtype)
     weight = amplitude[None] * share / share.sum(0, keepdims=True)
     phase = jax.random.uniform(phase_key, (harmonics, n), t.dtype, 0, 2 * jnp.pi)
-    # Base frequencies spread over the joints so that no two joints repeat together.
+    # Base frequencies differ between joints so that no two joints have the same period.
     omega = 2 * jnp.pi * base_frequency * (1 + 0.07 * jnp.arange(n, dtype=t.dtype))
     angle = omega[None] * t[:, None]
     base_sin, base_cos = jnp.sin(angle), jnp.cos(angle)
@@ -69,11 +69,11 @@ def excitation_sines(
         speed, in_phase, quadrature = (x[None] for x in harmonic)
         excursion = in_phase * sin + quadrature * cos
         velocity = speed * (in_phase * cos - quadrature * sin)
-        # The next harmonic by the addition theorem, ten times cheaper than its sine and cosine.
+        # The addition theorem gives the next harmonic ten times more cheaply than its sine and cosine.
         following = (sin * base_cos + cos * base_sin, cos * base_cos - sin * base_sin)
         return (q + excursion, dq + velocity, ddq - speed**2 * excursion, *following), None
 
-    # A loop, for XLA would compute an unrolled sum anew inside every kernel that uses the motion.
+    # A loop is used because XLA would recompute an unrolled sum inside every kernel that uses the motion.
     rest = jnp.zeros_like(angle)
     start = (rest + center[None], rest, rest, base_sin, base_cos)
     speeds = (1 + jnp.arange(harmonics, dtype=t.dtype))[:, None] * omega[None]
@@ -87,7 +87,7 @@ def excitation_sines(
 def minimum_jerk_moves(
     key: Array, t: Array, center: Array, amplitude: Array, move: float = 3.0, dwell: float = 1.0
 ) -> Trajectory:
-    """Moves from one random pose to the next, at rest in between, as a robot is programmed.
+    """Point-to-point moves between random poses with rests in between, as a robot is usually programmed.
 
     Each move follows 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan 1985); all joints start and stop together. A move lasts
     ``move`` s, the rest after it ``dwell`` s; poses are within center +- amplitude, (n,) rad.
@@ -109,9 +109,9 @@ def minimum_jerk_moves(
 def replay(log: Log, t: Array | None = None) -> Trajectory:
     """The motion of a recorded log: a quintic spline fitted to each joint's positions by least squares.
 
-    The spline's derivatives are the motion's velocity and acceleration, so the three agree exactly; what is faster
-    than its knots, encoder noise above all, is left out. It is worked out at times t (T,) s within the log, or at its
-    own. Host code in NumPy, float64.
+    The spline's derivatives are the motion's velocity and acceleration, so the three agree exactly; motion faster than
+    the knots resolve, above all encoder noise, is removed. The spline is evaluated at times t (T,) s within the log, or
+    at the log's own stamps. Host code in NumPy, float64.
 
     Raises:
         LogError: a joint has too few positions.
@@ -126,7 +126,7 @@ def replay(log: Log, t: Array | None = None) -> Trajectory:
         if len(times) < 12:
             remedy = "record at least 12 joint positions"
             raise LogError(f"joint {joint + 1} has {len(times)} positions", field="q", remedy=remedy)
-        # A knot needs data around it, so knots are a subset of the stamps: gaps get none.
+        # A knot needs data around it, so the knots are a subset of the stamps and gaps have none.
         bins = np.floor((times - times[0]) / SPACING)
         inner = times[np.flatnonzero(np.diff(bins, prepend=bins[0]))]
         keep = (np.searchsorted(times, inner) >= 6) & (np.searchsorted(times, inner) < len(times) - 6)
@@ -135,13 +135,13 @@ def replay(log: Log, t: Array | None = None) -> Trajectory:
         spline = make_lsq_spline(times, positions[known], knots, k=5)
         inside = np.clip(t, times[0], times[-1])
         for order, values in enumerate(derivatives):
-            moving = 1.0 if order == 0 else (t == inside)  # outside the data the arm stands still
+            moving = 1.0 if order == 0 else (t == inside)  # Outside the data the arm stands still.
             values.append(spline(inside, order) * moving)
     return Trajectory(t, *(np.stack(values, -1) for values in derivatives))
 
 
 def _apart(index: Array, samples: int = 6) -> Array:
-    """Which of the increasing sample numbers to keep so that at least a few samples lie between any two."""
+    """Positions of the increasing sample numbers to keep so that these are at least ``samples`` apart."""
     kept, last = [], -samples
     for i, value in enumerate(index):
         if value - last >= samples:

@@ -1,1 +1,1 @@
-"""The next motion: which one tells most about what is asked, and how well it will tell."""
+"""Planning of the next motion: the most informative one for requested parameters, and its expected accuracy."""

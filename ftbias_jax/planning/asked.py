@@ -1,6 +1,6 @@
-"""What a plan is asked for, as numbers that a reading depends on: the tool's ten, or those of an effect.
+"""Parameters that a plan is to determine: the tool's ten inertial parameters, the noise, or those of an effect.
 
-No effect is known here by name: an entry of the catalogue says which of its numbers can be fitted, and their size.
+No effect is known here by name: its catalogue entry states which of its parameters can be fitted, and their scale.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,45 +23,45 @@ from ftbias_jax.model.wrench.tool_wrench import tool_parameters
 from ftbias_jax.types import AXES, Array
 
 TOOL = "tool"
-"""Asks for the tool's mass, centre of mass and inertia."""
+"""Requests the tool's mass, centre of mass and inertia."""
 NOISE = "noise"
-"""Asks for the noise of the readings at rest, and for what each joint's speed adds to it."""
+"""Requests the noise of the readings at rest, and the noise that each joint's speed adds."""
 POOR = 3.0
-"""Typical departures: a parameter, or a mixture of parameters, that stays less certain is not determined."""
+"""Standard error, in typical departures, above which a parameter or a combination of parameters is not determined."""
 
 ROUNDING = 1e-12
 STEP = 1e-4
-"""Of the differences that stand for derivatives, in typical departures: what they neglect is of its square."""
+"""Step of the central differences, in typical departures; their error is of second order in it."""
 LOOSE = 0.3
-"""Share of the inertia that a tool of its mass can have by which the one in the setup may be off."""
+"""Assumed error of the setup's inertia, as a share of the inertia that a tool of its mass can have."""
 INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
-"""Six numbers in kg m^2; six of any other unit are of the channels."""
+"""Labels of six numbers in kg m^2; six numbers of any other unit belong to the wrench axes."""
 
 
 class Asked(NamedTuple):
-    """Numbers that are asked for. P of them."""
+    """The P parameters that one name requests."""
 
     name: str
     """TOOL, NOISE, or the name of an effect."""
     labels: tuple[str, ...]
     units: tuple[str, ...]
     at: np.ndarray
-    """(P,) the values at which the reading's derivatives are taken."""
+    """(P,) values at which the reading is linearised."""
     scale: np.ndarray
-    """(P,) typical departures."""
+    """(P,) typical departures of the parameters."""
     base: np.ndarray
-    """All numbers of the effect, also those that no fit moves; of the tool none."""
+    """All numbers of the effect, including those that are never fitted; empty for the tool."""
     poor: float = POOR
-    """Typical departures: what stays less certain is not determined; of the tool as ``identify`` has it."""
+    """Typical departures; a larger standard error means not determined; for the tool as in ``identify``."""
 
 
 def asked_for(name: str, model: Model, catalogue: Catalogue, stated: Mapping[str, EffectValues]) -> Asked:
-    """The numbers of the tool, of the noise or of an effect of the catalogue.
+    """Return the parameters of the tool, of the noise or of an effect of the catalogue.
 
-    What the setup or a diagnosis has not ``stated`` of an effect has typical values.
+    Parameters of an effect that the setup or a diagnosis has not ``stated`` have typical values.
 
     Raises:
-        UsageError: there is no such effect, or a mean reading does not depend on its numbers.
+        UsageError: there is no such effect, or a mean reading does not depend on its parameters.
     """
     if name == TOOL:
         at = np.asarray(data_sheet(model.theta))
@@ -90,13 +90,13 @@ def asked_for(name: str, model: Model, catalogue: Catalogue, stated: Mapping[str
 
 
 def _typical(effect: Effect, model: Model) -> EffectValues:
-    """Typical values; of numbers that no fit moves the neutral ones."""
+    """Typical values of an effect's parameters; neutral values of those that are never fitted."""
     typical, neutral = typical_values(effect, model), complete(effect, {}, model)
     return {p.name: jnp.where(can_move(p).any(), typical[p.name], neutral[p.name]) for p in effect.parameters}
 
 
 def _for_all_joints(effect: Effect, values: EffectValues, joints: int) -> EffectValues:
-    """Of an effect of one joint, the values of all: the others' are those of a joint without it."""
+    """Expand the values of an effect of one joint to all joints, with zero offset for the others."""
     search = effect.fit.search
     if not isinstance(search, ByJoint):
         return values
@@ -107,7 +107,7 @@ def _for_all_joints(effect: Effect, values: EffectValues, joints: int) -> Effect
 
 
 def _movable(effect: Effect, joints: int) -> np.ndarray:
-    """Places, among all numbers of an effect, of those that a fit moves."""
+    """Indices, among all numbers of an effect, of those that are fitted."""
     search, able = effect.fit.search, []
     for parameter in effect.parameters:
         count = joints if isinstance(search, ByJoint) else int(np.prod(parameter.shape))
@@ -117,7 +117,7 @@ def _movable(effect: Effect, joints: int) -> np.ndarray:
 
 
 def _rows(effect: Effect, parameter: Parameter, values: np.ndarray) -> list[tuple[str, str, float]]:
-    """Of each number of a parameter its name, its unit, and how far it typically departs from these values."""
+    """Label, unit and typical departure from these values for each number of a parameter."""
     _, _, unit, *_ = scale = scale_of(effect, parameter)
     at = np.ravel(values)
     size = {LOGARITHM: np.abs(at), INVERSE: at**2 / np.where(unit > 0, unit, 1)}.get(scale.kind, unit)
@@ -132,9 +132,9 @@ def _rows(effect: Effect, parameter: Parameter, values: np.ndarray) -> list[tupl
 def reading(
     signals: Signals, known: Values, base: Array, x: Float[Array, " P"], name: str, catalogue: Catalogue
 ) -> Float[Array, "U 6"]:
-    """What the sensor should read, (U, 6) N, Nm, with values x (P,) of the numbers that are asked for.
+    """Predict the reading, (U, 6) N, Nm, for values x (P,) of the requested parameters.
 
-    ``base`` has all numbers of the effect, as in ``Asked``; beside it are the ``known`` effects that the setup states.
+    ``base`` holds all numbers of the effect, as in ``Asked``; ``known`` are further effects that the setup states.
     """
     if name == TOOL:
         model = signals.model._replace(theta=tool_parameters(x[0], x[1:4], x[4:]))
@@ -144,7 +144,7 @@ def reading(
 
 
 def _values(effect: Effect, base: Array, x: Array, joints: int) -> EffectValues:
-    """Parameters of an effect from all its numbers, and those (P,) that are asked for."""
+    """Assemble the parameters of an effect from all its numbers and the requested ones (P,)."""
     numbers, values, first = jnp.asarray(base).at[_movable(effect, joints)].set(x), {}, 0
     for parameter in effect.parameters:
         shape = (joints,) if isinstance(effect.fit.search, ByJoint) else parameter.shape
@@ -155,10 +155,11 @@ def _values(effect: Effect, base: Array, x: Array, joints: int) -> EffectValues:
 
 
 def inertia_std(asked: Sequence[Asked], model: Model, catalogue: Catalogue) -> np.ndarray:
-    """(6,) kg m^2: how well the inertia in a setup can be trusted while two effects are told apart.
+    """(6,) kg m^2: standard deviation assumed for the setup's inertia when two effects are to be distinguished.
 
-    Nobody weighs an inertia. If it counted as known, an equal gain of all channels could be told from a heavier tool by
-    the inertia that does not grow with it. Where an effect is about nothing but the inertia, that is given: zeros.
+    Inertias are rarely measured. If they counted as known, an equal gain of all channels would be distinguishable from
+    a heavier tool by the inertia that does not grow with it. An inertia that is all an effect changes counts as known:
+    zeros.
     """
     still = jnp.zeros((1, model.arm.angular.shape[0]))
     at_rest = Signals(jnp.zeros(1), still, still, still, jnp.zeros(1), model)
@@ -172,18 +173,18 @@ def inertia_std(asked: Sequence[Asked], model: Model, catalogue: Catalogue) -> n
 
 
 def columns(signals: Signals, known: Values, numbers: Any, names: tuple[str, ...], catalogue: Catalogue) -> Array:
-    """(C, U, 6): of one name the derivatives of the reading; of two, for each, what tells it from the other.
+    """(C, U, 6): for one name the derivatives of the reading; for two, what distinguishes each from the other.
 
-    The latter are, name by name, what the reading with the effect departs by from that with the other one at the values
-    at which it comes nearest, and the derivatives by these; last what the tool's inertia (6,) can do, per standard
-    deviation. The numbers are as in ``climb.Task``.
+    For two names these are, for each in turn, the difference between the reading with its effect and that with the
+    other one at the closest values, and the derivatives with respect to those values; finally the changes due to the
+    tool's inertia (6,), per standard deviation. ``numbers`` is as in ``climb.Task``.
 
-    Central differences stand for derivatives in float64: the search goes through them backwards, and its program is
-    compiled in half of the time.
+    Central differences replace derivatives in float64: the search differentiates through them in reverse mode, and its
+    program compiles in half the time.
     """
 
     def seen(name: str, base: Array, scale: Array, *at: Array) -> tuple[Array, Array]:
-        """Readings at all values, and derivatives (P, U, 6) at the last."""
+        """Readings at all values, and derivatives (P, U, 6) at the last ones."""
         steps = STEP * jnp.diag(scale)
         values = jnp.concatenate([jnp.stack(at), at[-1][None] + steps, at[-1][None] - steps])
         readings = jax.lax.map(lambda x: reading(signals, known, base, x, name, catalogue), values)

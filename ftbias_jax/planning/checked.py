@@ -1,4 +1,4 @@
-"""The limits once more, on the motion as it will run: at 1 kHz, and exactly."""
+"""Final check of the limits on the motion as it will run: exactly, and at 1 kHz."""
 
 from functools import partial
 
@@ -17,12 +17,12 @@ from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array
 
 CHECK_RATE = 1000.0
-"""Hz."""
+"""Hz, sampling rate of the check."""
 PIECE = 2048
-"""Samples worked out together, so that plans of any length share a program."""
+"""Samples evaluated together, so that plans of any length share a compiled program."""
 ROUNDING = 1e-9
 HALVINGS = 12
-"""Of the factor by which a motion that leaves its box is made smaller: to a 4000th."""
+"""Bisection steps for the factor that shrinks a motion into the limits of space, to a resolution of 1/4000."""
 
 
 @keep_program("catalogue")
@@ -37,7 +37,7 @@ def _excess(
 
 
 def largest_excess(task: Task, motion: Motion, catalogue: Catalogue) -> Float[np.ndarray, " 4"]:
-    """(4,) by how much ``limits.SPACE`` are exceeded at the most; 0 or less = nowhere, -inf = no limit."""
+    """(4,) largest excess over each of ``limits.SPACE``; 0 or less = kept everywhere, -inf = no limit."""
     limits = task.limits
     stated = (limits.box, limits.floor, limits.keep_cosine, limits.wrench)
     if not any(np.isfinite(x).any() for x in stated):
@@ -53,7 +53,7 @@ def largest_excess(task: Task, motion: Motion, catalogue: Catalogue) -> Float[np
 
 
 def excess_at_rest(task: Task, catalogue: Catalogue) -> Float[np.ndarray, " 4"]:
-    """(4,) the same of standing still in the first pose."""
+    """(4,) excess over each of ``limits.SPACE`` while standing still in the first pose."""
     start = task.start[None]
     return largest_excess(task, Motion(np.zeros(1), start, *[np.zeros_like(start)] * 3), catalogue)
 
@@ -61,7 +61,7 @@ def excess_at_rest(task: Task, catalogue: Catalogue) -> Float[np.ndarray, " 4"]:
 def within_limits(
     task: Task, coefficients: Float[np.ndarray, "n M"], duration: float, catalogue: Catalogue
 ) -> Float[np.ndarray, "n M"]:
-    """Coefficients (n, M) of the same motion, joint by joint as large as the limits, and the space, let it be."""
+    """Scale coefficients (n, M) joint by joint to the joint limits, then together to the limits of space."""
     at = partial(motion_at, times(duration), duration, task.start)
     scale = (1 - ROUNDING) / np.maximum(shares(task.limits, task.start, at(coefficients)).max(0), ROUNDING)
 
@@ -83,13 +83,13 @@ def times(duration: float) -> Float[np.ndarray, " T"]:
 
 
 def shares(limits: Limits, start: np.ndarray, motion: Motion) -> Float[np.ndarray, "4 n"]:
-    """(4, n) the largest share of its room about the first pose, and of its rates, that each joint uses."""
+    """(4, n) largest share that each joint uses of its travel from the first pose and of its rate limits."""
     moved = np.stack([motion.q - start, motion.dq, motion.ddq, motion.jerk])
     return np.array(joint_shares(limits, start, moved)).max(1)
 
 
 def used_shares(limits: Limits, start: np.ndarray, motion: Motion) -> Float[np.ndarray, "4 n"]:
-    """(4, n) the same with the share of its whole travel, rad from the middle; 1 = at the end of it."""
+    """(4, n) largest shares used, with the position, rad, counted from the middle of the travel; 1 = at its end."""
     found, middle = shares(limits, start, motion), (limits.upper + limits.lower) / 2
     found[0] = (np.abs(motion.q - middle) / (limits.upper - middle)).max(0)
     return found

@@ -1,4 +1,4 @@
-"""The best motion: gradient steps on what a plan is asked for, within the limits, from several random starts."""
+"""Search for the best motion: gradient steps on the design criterion, within limits, from several random starts."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -27,67 +27,67 @@ from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array
 
 STARTS, FEW_STEPS = 6, 1
-"""Random motions to begin at, and calls of STEPS steps after which only the best go on."""
+"""Number of random starting motions, and calls of STEPS steps after which only the best continue."""
 FINALISTS, CALLS = 2, 20
-"""How many of them go on, and for how many calls."""
+"""Number of starts that continue, and calls for each of them."""
 CLEAR, CLEAR_CALLS = 50.0, 10
-"""Standard deviations: two effects that the first steps separate by more need no better motion, and fewer calls."""
+"""Standard deviations of separation of two effects after the first steps above which this many calls suffice."""
 STEPS = 20
 FASTEST, SLOWEST = 0.05, 0.003
-"""Length of a step, rad, at first and at last."""
+"""Length of a step, rad, at the start and at the end."""
 PENALTIES = 1.0, 1e3
-"""Of the squared excess over limits of space and load, its mean and its largest, at first and at last; what is left
-over is then scaled away."""
+"""Weight, at the start and at the end, of the squared excess (mean plus maximum) over limits of space and load; any
+remaining excess is then removed by scaling."""
 NEAREST_STEPS, NEARER = 8, 0.99
-"""At most so many steps to the values nearest to another effect, and the share of the gap that the next must leave."""
+"""Most steps to the values closest to another effect, and share of the gap above which a step ends the search."""
 PRIOR = 30.0
-"""Typical departures: a parameter that no motion shows counts as known this badly."""
+"""Prior standard deviation, in typical departures, of a parameter that no motion constrains."""
 
 
 class Noise(NamedTuple):
-    """What the filter believes of the noise, and of the joints."""
+    """Noise of the wrench, the joints and the bias, as modelled by the filter."""
 
     wrench_variance: Float[Array, " 6"]
-    """(6,) N^2, Nm^2 of one sample."""
+    """(6,) N^2, Nm^2, variance of one sample."""
     joint_covariance: Float[Array, "n 3 3"]
-    """(n, 3, 3) of smoothed position, velocity and acceleration."""
+    """(n, 3, 3) covariance of smoothed position, velocity and acceleration."""
     in_motion: MotionNoise | None
-    """What the joints' speeds add to one sample; None = nothing."""
+    """Noise that the joints' speeds add to one sample; None = none."""
     samples: Float[Array, ""]
-    """() in each bin of the grid."""
+    """() number of samples per bin of the grid."""
     bias: Nuisance
 
 
 class Task(NamedTuple):
-    """All that the worth of a motion depends on; a pytree."""
+    """All inputs of the design criterion of a motion; a pytree."""
 
     points: Grid
     limits: Limits
     start: Float[Array, " n"]
-    """(n,) rad."""
+    """(n,) rad, first pose."""
     model: Model
     known: Values
     """Effects that the setup states."""
     numbers: tuple[Any, ...]
-    """Of each name that is asked for, all its numbers, and the typical departures and values (P,) of those asked for;
-    of two names also the values nearest to the other, and ``asked.inertia_std``."""
+    """For each requested name, all its numbers, and the typical departures and values (P,) of the requested ones; for
+    two names also the values closest to the other one, and ``asked.inertia_std``."""
     noise: Noise
 
     @property
     def scale(self) -> Float[Array, " P"]:
-        """(P,) typical departures of the last name's."""
+        """(P,) typical departures of the last name's parameters."""
         return self.numbers[min(len(self.numbers) - 1, 1)][1]
 
 
 def signals_of(task: Task, moved: Float[Array, "4 U n"]) -> Signals:
-    """What the reading depends on, of a motion (4, U, n) from the start."""
+    """Signals of a motion (4, U, n) relative to the start, from which the reading is predicted."""
     q, dq, ddq = task.start[None] + moved[0], moved[1], moved[2]
     moving = arm_motion(task.model.arm, q.T, dq.T, ddq.T)
     return Signals(task.points.t, q, dq, ddq, jnp.zeros_like(task.points.t), task.model, motion=moving)
 
 
 def variance(task: Task, moving: ArmMotion, speed: Float[Array, "U n"]) -> Float[Array, "U 6"]:
-    """(U, 6) N^2, Nm^2: noise of the bins' means, with what the joints' uncertainty and speed add to each sample."""
+    """(U, 6) N^2, Nm^2: noise variance of the bin means, including joint uncertainty and the noise added by speed."""
     rotation, jacobian = jnp.moveaxis(moving.sensor_rotation, 2, 0), jacobians(task.model.arm, moving)
     _, gravity, theta = task.model
 
@@ -101,7 +101,7 @@ def variance(task: Task, moving: ArmMotion, speed: Float[Array, "U n"]) -> Float
 
 
 def jacobians(arm: Arm, moving: ArmMotion) -> Float[Array, "U 6 n"]:
-    """(U, 6, n) sensor Jacobians, base frame, of a motion that was worked out before."""
+    """(U, 6, n) sensor Jacobians, base frame, of a motion whose kinematics are already computed."""
     turned = moving.link_rotation[:, :, :-1]
     angular = jnp.einsum("ijnu,nj->uin", turned, arm.angular)
     linear = jnp.einsum("ijnu,nj->uin", turned, arm.linear)
@@ -112,7 +112,7 @@ def jacobians(arm: Arm, moving: ArmMotion) -> Float[Array, "U 6 n"]:
 def products(
     task: Task, moved: Float[Array, "4 U n"], names: tuple[str, ...], catalogue: Catalogue
 ) -> tuple[Array, Array]:
-    """The information (C, C) of the columns that are asked for, and the excess (4, U) over limits of space and load."""
+    """Information (C, C) of the requested columns, and the excess (4, U) over limits of space and load."""
     signals = signals_of(task, moved)
     assert signals.motion is not None
     over = excess(task.limits, signals.motion, compose.predict(signals, task.known, catalogue))
@@ -123,10 +123,10 @@ def products(
 
 
 def noise_information(task: Task, moving: ArmMotion, speed: Float[Array, "U n"]) -> Float[Array, "P P"]:
-    """Fisher information of the logarithms of the noise at rest (6,) and of what the joints' speeds add (n,).
+    """Fisher information of the logarithms of the noise at rest (6,) and of the noise that joint speeds add (n,).
 
-    Bias and drift are left out, because they take a few of thousands of samples. A growth that nobody states makes the
-    noise of each axis by a half larger while one joint moves at 1 rad/s.
+    Bias and drift are neglected, because they take only a few of thousands of degrees of freedom. If no growth with
+    speed is stated, the noise of each axis is assumed to be larger by a half while one joint moves at 1 rad/s.
     """
     noise, joints = task.noise, speed.shape[1]
     rest, growth = noise.wrench_variance, noise.in_motion or MotionNoise(1.25 * noise.wrench_variance[None])
@@ -142,27 +142,27 @@ def noise_information(task: Task, moving: ArmMotion, speed: Float[Array, "U n"])
 
 
 def worth(told: Float[Array, "C C"], scale: Float[Array, " P"], names: tuple[str, ...]) -> Float[Array, ""]:
-    """What is made small: the mean logarithm of the standard errors, or less the logarithm of what separates two."""
+    """Objective to minimise: the mean log standard error, or minus the logarithm of the separation of two effects."""
     if len(names) == 1:
         return mean_log_error(told, scale, PRIOR)
     return -jnp.log(jnp.minimum(*separations(told, len(scale))) + 1e-9)
 
 
 def separations(told: Float[Array, "C C"], second: int) -> list[Array]:
-    """nats by which either of two is seen although the other is free, of the products of ``asked.columns``.
+    """nats by which each of two effects is separated from the other one with free parameters.
 
-    That is the T-optimality of designs that discriminate between models.
+    This is the criterion of T-optimal designs for model discrimination.
 
     Args:
-        told: (C, C) of what the first has beyond the second, the ``second`` derivatives of that, the same the other way
-            round, and what the six numbers of the inertia can do.
-        second: how many derivatives the second has.
+        told: (C, C) products of ``asked.columns``: the first's difference from the second, ``second`` derivatives of
+            the second, the same with the roles exchanged, and the six changes due to the inertia.
+        second: number of derivatives of the second effect.
     """
     return [unexplained(told[np.ix_(rows, rows)], 6) for rows in either(len(told), second)]
 
 
 def either(count: int, second: int) -> list[np.ndarray]:
-    """Places of the first's and of the second's columns among all of ``asked.columns``, those of the inertia last."""
+    """Indices of the first's and the second's columns in ``asked.columns``, each followed by those of the inertia."""
     one, two, inertia = np.split(np.arange(count), [second + 1, count - 6])
     return [np.concatenate([one, inertia]), np.concatenate([two, inertia])]
 
@@ -178,10 +178,10 @@ def climb(
     names: tuple[str, ...],
     catalogue: Catalogue,
 ) -> Any:
-    """A count of steps of Adam with these lengths (S,), and this penalty on what exceeds limits of space and load.
+    """Take ``count`` steps of Adam with these lengths (S,) and this penalty on excess over limits of space and load.
 
     Returns:
-        the state after them; before the last one the worth with its penalties, and the products (C, C).
+        the state after the steps; the penalised objective and the products (C, C), both before the last step.
     """
 
     def loss(free: Array) -> tuple[Array, Array]:
@@ -193,7 +193,7 @@ def climb(
     def step(k: Array, carry: Any) -> Any:
         free, adam, _ = carry
         found, slope = jax.value_and_grad(loss, has_aux=True)(free)
-        slope = jnp.where(jnp.isfinite(slope).all(), slope, 0.0)  # where a motion is no motion at all, say
+        slope = jnp.where(jnp.isfinite(slope).all(), slope, 0.0)  # for example where nothing moves
         change, adam = optax.scale_by_adam().update(slope, adam)
         return free - rates[k] * change, adam, found
 
@@ -203,7 +203,7 @@ def climb(
 
 
 def told_by(task: Task, coefficients: np.ndarray, names: tuple[str, ...], catalogue: Catalogue) -> np.ndarray:
-    """(C, C) ``products`` of the motion with these coefficients (n, M), as it is; by the program of ``climb``."""
+    """(C, C) ``products`` of the unscaled motion with these coefficients (n, M), by the program of ``climb``."""
     far = np.full(len(task.start), 1e6)  # finite, because no share of a limit may have an infinite derivative
     free = task.limits._replace(lower=-far, upper=far, velocity=far, acceleration=far, jerk=far)
     state = (coefficients, optax.scale_by_adam().init(jnp.asarray(coefficients)))
@@ -212,7 +212,7 @@ def told_by(task: Task, coefficients: np.ndarray, names: tuple[str, ...], catalo
 
 
 def with_nearest(task: Task, coefficients: np.ndarray, names: tuple[str, ...], catalogue: Catalogue) -> Task:
-    """The task with the values of either of two effects that come nearest to the other, by Gauss-Newton steps."""
+    """Return the task with those values of each of two effects that are closest to the other, by Gauss-Newton."""
     one, two, inertia = task.numbers
     best = tried = [np.asarray(two[3]), np.asarray(one[3])]
     least, steps = [np.inf] * 2, [np.zeros(0)] * 2
@@ -241,7 +241,7 @@ def with_nearest(task: Task, coefficients: np.ndarray, names: tuple[str, ...], c
 def best_shape(
     task: Task, names: tuple[str, ...], catalogue: Catalogue, seed: int, progress: Callable[[float], None]
 ) -> np.ndarray:
-    """Numbers (n, M) of the best motion found, for ``shape.within``; ``progress`` gets the share that is done."""
+    """Return the numbers (n, M) of the best motion found, for ``shape.within``; ``progress`` gets the share done."""
     count, size = task.points.basis.shape[2], len(task.start)
     starts = random_shapes(seed, STARTS, size, (count - 1) // 2)
     total, done = STARTS * FEW_STEPS + FINALISTS * CALLS, 0

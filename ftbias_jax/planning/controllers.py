@@ -1,4 +1,4 @@
-"""A planned motion as robots' controllers take it: ROS 2, Universal Robots, Franka."""
+"""Export of a planned motion to robot controllers: ROS 2, Universal Robots, Franka."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from ftbias_jax.planning.result import Plan
 
 ROS_RATE, UR_RATE, FRANKA_RATE = 50.0, 125.0, 1000.0
-"""Points a second: ROS's joint trajectory controller joins them by quintic splines, servoj of a UR smooths over several
-of them, libfranka asks for one a millisecond."""
+"""Points per second: ROS's joint trajectory controller interpolates by quintic splines, servoj of a UR smooths over
+several points, libfranka requests one per millisecond."""
 DIGITS = 10
 TOPIC, TRAJECTORY = "/joint_trajectory_controller/joint_trajectory", "trajectory_msgs/msg/JointTrajectory"
-"""Where the controller of ros2_control listens, unless it was given another name."""
+"""Default topic of the joint trajectory controller of ros2_control, and its message type."""
 SCHEMA = schema_with_header(
     "std_msgs/Header header\nstring[] joint_names\nJointTrajectoryPoint[] points\n",
     "trajectory_msgs/JointTrajectoryPoint\nfloat64[] positions\nfloat64[] velocities\nfloat64[] accelerations\n"
@@ -57,7 +57,7 @@ def ros_trajectory(plan: Plan) -> str:
 
 
 def ros_bag(plan: Plan) -> bytes:
-    """The same as a recording (MCAP) of one message, for ``ros2 bag play``."""
+    """Recording (MCAP) of a single JointTrajectory message, for ``ros2 bag play``."""
     message = bytearray()  # CDR, little endian: numbers are aligned to their size
 
     def put(kind: str, *values: float) -> None:
@@ -68,7 +68,7 @@ def ros_bag(plan: Plan) -> bytes:
         message.extend(text.encode() + b"\0")
 
     names, motion = plan.setup.robot.joint_names, _sampled(plan, ROS_RATE)
-    put("I", 0, 0)  # no stamp: begin at once
+    put("I", 0, 0)  # a zero stamp: start immediately
     put_text("")
     put("I", len(names))
     for name in names:
@@ -118,11 +118,11 @@ FORMATS: dict[str, Callable[[Plan], str | bytes]] = {
     "franka": franka_joints,
 }
 JOINTS = {"ur": (6, "a robot of Universal Robots"), "franka": (7, "a Franka arm")}
-"""How many joints the robots of a format have."""
+"""Number of joints, and description, of the robots of a format."""
 
 
 def check_controllers(setup: Setup, formats: Iterable[str]) -> None:
-    """Refuse formats, keys of FORMATS, of robots that the setup's arm is not.
+    """Raise an error for formats (keys of FORMATS) of robots other than the setup's arm.
 
     Raises:
         UsageError: there is no such format, or the arm has another number of joints. OutputError: the package that
@@ -141,13 +141,13 @@ def check_controllers(setup: Setup, formats: Iterable[str]) -> None:
 
 
 def _sampled(plan: Plan, rate: float) -> Motion:
-    """The motion at so many points a second, both ends included."""
+    """Sample the motion at ``rate`` points per second, both ends included."""
     count = int(np.ceil(plan.options.duration * rate))
     return plan.at(np.minimum(np.arange(count + 1) / rate, plan.options.duration))
 
 
 def _comments(plan: Plan, kind: str) -> list[str]:
-    """What stands at the head of a file for a controller."""
+    """Header comments of a file for a controller."""
     first = ", ".join(f"{x:.4f}" for x in plan.motion.q[0])
     words = [kind, *heading(plan.setup), f"starts and ends at rest at [{first}] rad: be there first", NOT_KNOWN]
     return [f"# {printable(line)}" for line in words]

@@ -1,4 +1,4 @@
-"""What a diagnosis found, as a plan needs it: the sizes of effects, and which two it could not distinguish."""
+"""Input of a plan from a diagnosis: the sizes of effects, and the two that it could not distinguish."""
 
 import os
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ WANTED = "what ftbias diagnose --json wrote"
 
 
 class Diagnosed(NamedTuple):
-    """Effects that a diagnosis names."""
+    """Effects that a diagnosis reports."""
 
     values: Values
     twins: str
@@ -22,7 +22,7 @@ class Diagnosed(NamedTuple):
 
 
 def read_diagnosis(path: str | os.PathLike[str], catalogue: Catalogue) -> Diagnosed:
-    """The causes and candidates in what ``Diagnosis.to_json`` wrote; of those whose values are no such values, nothing.
+    """Read causes and candidates from a file of ``Diagnosis.to_json``; effects with invalid values are skipped.
 
     Raises:
         UsageError: the file cannot be read, or is no diagnosis.
@@ -35,7 +35,7 @@ def read_diagnosis(path: str | os.PathLike[str], catalogue: Catalogue) -> Diagno
     entries = [x for x in (*causes, *_list(content.get("candidates"))) if isinstance(x, Mapping)]
     named = [x for x in entries if isinstance(x.get("effect"), str) and x["effect"] in catalogue]
     values: Values = {}
-    for one in reversed(named):  # the first of a name is the best
+    for one in reversed(named):  # the first entry of a name is the best, and is kept
         effect, stated = one["effect"], one.get("parameters")
         known = {parameter.name for parameter in catalogue[effect].parameters}
         if isinstance(stated, Mapping):
@@ -43,7 +43,7 @@ def read_diagnosis(path: str | os.PathLike[str], catalogue: Catalogue) -> Diagno
             try:
                 values |= check_values(mine, partial(UsageError, file=file), catalogue=catalogue)
             except UsageError:
-                continue  # a share of the whole, or a value out of bounds: then it is planned for at a typical one
+                continue  # a share of the whole, or a value out of bounds: the plan then uses a typical value
     for one in named[: len(causes)]:
         others = [x for x in _list(one.get("indistinguishable_from")) if isinstance(x, str) and x in catalogue]
         if others:

@@ -1,4 +1,4 @@
-"""What a motion will tell, what the logs at hand tell already, and what nothing does."""
+"""Forecast of standard errors from the planned motion and from existing logs, and of what stays undetermined."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -16,44 +16,44 @@ from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array
 
 MUCH = 0.3
-"""Part of a mixture, a unit vector, from which on a parameter is named as a part of it."""
+"""Component, in a unit-norm combination of parameters, above which a parameter is named as part of it."""
 LEAST_NATS = 12.5
-"""Two hypotheses are told apart at five standard deviations."""
+"""nats; two hypotheses are then distinguished at five standard deviations."""
 HOPELESS = LEAST_NATS / 15
-"""nats of a plan of usual length: with less, not even the longest one tells two effects apart."""
+"""nats of a plan of usual length below which not even the longest plan distinguishes two effects."""
 AS_GOOD = 0.9
-"""A standard error that is this share of that of standing still or more is no reason to move."""
+"""Share of the standard error at standstill above which a motion's standard error is no reason to move."""
 SAME = "change the reading of every motion within the limits in the same way, but for bias and drift"
 NOTHING = "changes the reading of no motion within the limits by more than noise, bias and drift do"
 
 
 class Cannot(NamedTuple):
-    """Something that the plan does not determine."""
+    """A combination of parameters, or a pair of effects, that the plan does not determine."""
 
     pair: str
-    """The parameters, or effects, that stay mixed up."""
+    """The parameters, or effects, that remain indistinguishable."""
     why: str
 
 
 class Forecast(NamedTuple):
-    """What to expect. P = all parameters that are asked for."""
+    """Expected standard errors of the P requested parameters."""
 
     labels: tuple[str, ...]
     units: tuple[str, ...]
     plan: np.ndarray
     """(P,) standard errors from the planned motion; NaN = not determined."""
     logs: np.ndarray | None
-    """(P,) from the logs at hand; None = there are none."""
+    """(P,) standard errors from existing logs; None = there are none."""
     together: np.ndarray | None
-    """(P,) from both."""
+    """(P,) standard errors from both."""
     separates: dict[str, float]
-    """Two names with a colon between them -> nats by which the plan tells the one from the other, at the least."""
+    """Two names joined by a colon -> minimum nats by which the plan distinguishes them."""
     cannot: tuple[Cannot, ...]
-    """What even both together do not determine."""
+    """What the plan and the logs together do not determine."""
 
     @property
     def columns(self) -> dict[str, list[str]]:
-        """Standard errors in words, by the motion that they are from."""
+        """Standard errors as text, by the motion that they come from."""
         stds = {"this motion": self.plan, "logs at hand": self.logs, "both": self.together}
         return {
             name: [f"{x:.2g}" if np.isfinite(x) else "not determined" for x in column]
@@ -69,22 +69,22 @@ def forecast(
     of_logs: np.ndarray | None,
     effects: Sequence[Effect],
 ) -> Forecast:
-    """Cramer-Rao bounds of the parameters, with bias and drift as nuisance; of two effects also what separates them.
+    """Cramer-Rao bounds of the parameters, with bias and drift as nuisance; for two effects also their separation.
 
     Args:
-        asked: one or two.
+        asked: parameters of one name, or of two.
         of_plan: (C, C) products of ``asked.columns``, in standard deviations, over the planned motion.
-        of_rest: the same of standing still for as long.
-        of_logs: the same over the logs; None = there are none.
-        effects: entries of what is asked, but for the tool.
+        of_rest: the same products for standing still for as long.
+        of_logs: the same products over the logs; None = there are none.
+        effects: catalogue entries of what is asked, except the tool.
 
     Raises:
-        UsageError: nothing of what is asked is determined, or no better than by standing still, or two effects do the
-            same to every motion.
+        UsageError: no requested parameter is determined, or none better than at standstill, or two effects change every
+            motion's reading in the same way.
     """
     both = of_plan if of_logs is None else of_plan + of_logs
     places = [np.arange(len(both))]
-    if len(asked) == 2:  # the derivatives by the second's numbers come first, beside what the first has beyond it
+    if len(asked) == 2:  # the first one's columns hold the derivatives of the second, hence the reversed order
         places = [rows[1:-6] for rows in reversed(either(len(both), len(asked[1].at)))]
     cannot = [one for a, at in zip(asked, places, strict=True) for one in undetermined(both[np.ix_(at, at)], a)]
 
@@ -114,7 +114,7 @@ def forecast(
 
 
 def _twins(name: str, told: np.ndarray, second: int, effects: Sequence[Effect]) -> list[Cannot]:
-    """Whether two effects stay twins; if they do the same to every motion, nothing is planned."""
+    """Return two effects that the plan does not separate; raise an error if no motion can separate them."""
     nats = float(min(separations(told, second)))
     if nats < HOPELESS:
         message = f"no motion separates {name.replace(':', ' and ')}, as large as they are taken to be: they {SAME}"
@@ -126,7 +126,7 @@ def _twins(name: str, told: np.ndarray, second: int, effects: Sequence[Effect]) 
 
 
 def _extra(effects: Sequence[Effect]) -> str:
-    """The measurement that the entries name for telling these effects from one another, or from others."""
+    """Measurement that the catalogue recommends to distinguish these effects from one another, or from others."""
     names = {effect.name for effect in effects}
     twins = [twin for effect in effects for twin in effect.twins if len(effects) == 1 or twin.effect in names]
     words = dict.fromkeys(twin.separate_by for twin in twins)
@@ -134,9 +134,9 @@ def _extra(effects: Sequence[Effect]) -> str:
 
 
 def stds_of(information: Float[np.ndarray, "P P"], asked: Asked) -> Float[np.ndarray, " P"]:
-    """(P,) standard errors, kg or m of a tool, say; NaN of parameters that mixtures which are left open consist of.
+    """(P,) standard errors, kg or m of a tool for example; NaN for members of undetermined combinations.
 
-    What is left open beside a parameter, such as the size of a direction, does not count.
+    Undetermined combinations in which a parameter has a small share, such as the size of a direction, do not count.
     """
     values, vectors = np.linalg.eigh(information * asked.scale[:, None] * asked.scale)
     known = values >= asked.poor**-2
@@ -146,7 +146,7 @@ def stds_of(information: Float[np.ndarray, "P P"], asked: Asked) -> Float[np.nda
 
 
 def undetermined(information: Float[np.ndarray, "P P"], asked: Asked) -> list[Cannot]:
-    """The mixtures of parameters, kg or m of a tool, say, that an information (P, P) leaves open (``Asked.poor``)."""
+    """Combinations of parameters, kg or m of a tool, that an information (P, P) leaves open (``Asked.poor``)."""
     values, vectors = np.linalg.eigh(information * asked.scale[:, None] * asked.scale)
     found = []
     for vector in vectors.T[values < asked.poor**-2]:
@@ -164,7 +164,7 @@ def columns_of_log(
 
 
 def information_of_logs(problem: Problem, names: tuple[str, ...], numbers: Any) -> Float[np.ndarray, "C C"]:
-    """(C, C) products of ``asked.columns`` in standard deviations of the noise that recorded logs show."""
+    """(C, C) products of ``asked.columns`` over recorded logs, in standard deviations of the noise of these logs."""
     told = []
     for part in problem.parts:
         made = columns_of_log(part.signals, problem.known, numbers, names=names, catalogue=problem.catalogue)

@@ -1,8 +1,8 @@
-"""How much a motion says: the Fisher information of readings whose bias and drift are not known.
+"""Fisher information of the readings of a motion, with unknown bias and drift as nuisance parameters.
 
-The bias is a Gaussian process that only moves slowly, so its covariance over a log is made of a constant, a slope and a
-few smooth shapes, and Woodbury's identity takes it out of the information exactly but for shapes that are smaller than
-the noise. Unlike the filter's recursion this is a few products of matrices, whose derivative is cheap.
+The bias is a slowly varying Gaussian process, so its covariance over a log is spanned by a constant, a slope and a few
+smooth shapes. Woodbury's identity eliminates it from the information exactly, except for shapes that are smaller than
+the noise. Unlike the filter's recursion this takes a few matrix products, whose derivative is cheap.
 """
 
 from typing import NamedTuple
@@ -15,22 +15,22 @@ from jaxtyping import Float
 from ftbias_jax.types import Array
 
 SHAPES = 24
-"""Of the bias beside a constant and a slope; their size falls with the fourth power of their number."""
+"""Number of bias shapes besides a constant and a slope; their eigenvalues fall with the fourth power of the index."""
 
 
 class Nuisance(NamedTuple):
-    """What bias and drift may be over the samples: shapes times independent normal numbers. r shapes."""
+    """Bias and drift over the samples: r shapes times independent Gaussian coefficients."""
 
     shapes: Float[Array, "U r"]
-    """(U, r)."""
+    """(U, r) values of the shapes at the samples."""
     std: Float[Array, "6 r"]
-    """(6, r) N, Nm."""
+    """(6, r) N, Nm, standard deviations of the coefficients."""
 
 
 def bias_shapes(
     t: Float[np.ndarray, " U"], density: Float[np.ndarray, " 6"], prior_std: Float[np.ndarray, " 12"]
 ) -> Nuisance:
-    """Of the bias process of ``process_models.drift_noise`` at times t (U,) s.
+    """Shapes of the bias process of ``process_models.drift_noise`` at times t (U,) s.
 
     The density (6,) is sigma_Q; prior_std (12,) is the square root of P_0, bias then drift.
     """
@@ -46,10 +46,10 @@ def bias_shapes(
 def information(
     columns: Float[Array, "P U 6"], variance: Float[Array, "U 6"], nuisance: Nuisance
 ) -> Float[Array, "P P"]:
-    """Products of columns with one another under the noise, with bias and drift as nuisance: the Fisher information.
+    """Fisher information: products of the columns with one another under the noise, with bias and drift as nuisance.
 
-    The columns (P, U, 6) are N, Nm by each parameter; the variance (U, 6) N^2, Nm^2 is that of white noise, infinite
-    where nothing was measured.
+    The columns (P, U, 6) are derivatives of the reading, N, Nm, with respect to each parameter; the variance (U, 6)
+    N^2, Nm^2 is that of white noise, infinite where nothing was measured.
     """
     white = columns / jnp.sqrt(variance)[None]
     shapes = nuisance.shapes[None] * nuisance.std[:, None] / jnp.sqrt(variance).T[:, :, None]  # (6, U, r)
@@ -60,14 +60,14 @@ def information(
 
 
 def inverse(matrix: Float[Array, "P P"]) -> Float[Array, "P P"]:
-    """Of a symmetric positive definite matrix (``eliminated``)."""
+    """Inverse of a symmetric positive definite matrix (``eliminated``)."""
     return eliminated(matrix)[0]
 
 
 def eliminated(matrix: Float[Array, "P P"]) -> tuple[Float[Array, "P P"], Float[Array, ""]]:
     """Inverse and log determinant of a positive definite matrix by Gauss-Jordan elimination, which needs no pivoting.
 
-    Unlike LAPACK's they can be a part of programs that are kept between processes.
+    Unlike LAPACK routines it can be part of compiled programs that are cached between processes.
     """
 
     def eliminate(left: Array, k: Array) -> tuple[Array, Array]:
@@ -82,14 +82,14 @@ def eliminated(matrix: Float[Array, "P P"]) -> tuple[Float[Array, "P P"], Float[
 
 
 def mean_log_error(information: Float[Array, "P P"], scale: Float[Array, " P"], prior: float) -> Float[Array, ""]:
-    """Mean logarithm of the standard errors along the axes of the error ellipsoid, in typical departures.
+    """Mean logarithm of the standard errors along the axes of the error ellipsoid (D-optimality).
 
-    That is D-optimality. It does not mind a mixture of parameters that no motion shows, unlike the errors of the single
-    parameters: a wide prior stands for it.
+    Unlike the standard errors of single parameters it tolerates a combination of parameters that no motion constrains:
+    a wide prior constrains it.
 
     Args:
-        information: (P, P), per unit of the parameters, 1/kg^2 for a mass.
-        scale: (P,) typical departures.
+        information: (P, P), in inverse squared units of the parameters, 1/kg^2 for a mass.
+        scale: (P,) typical departures, in which the errors are counted.
         prior: standard deviations of the prior, in typical departures.
     """
     scaled = information * scale[:, None] * scale[None]
@@ -97,11 +97,11 @@ def mean_log_error(information: Float[Array, "P P"], scale: Float[Array, " P"], 
 
 
 def unexplained(information: Float[Array, "P P"], loose: int = 0) -> Float[Array, ""]:
-    """nats by which the first column is seen although the others are free: half the squares that they leave of it.
+    """nats by which the first column is detected with the others free: half its squared norm that these leave.
 
     Args:
         information: (P, P), of columns in units of N and Nm or of their noise.
-        loose: how many of the last ones are not free, but have a prior of standard deviation 1.
+        loose: number of trailing columns that are not free, but have a prior of standard deviation 1.
     """
     known = jnp.arange(1, len(information)) >= len(information) - loose
     rest = information[1:, 1:] + jnp.diag(known.astype(information.dtype))

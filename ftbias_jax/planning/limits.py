@@ -1,6 +1,6 @@
-"""What a planned motion must keep to: travel, speed, acceleration and jerk of joints, and where points may be.
+"""Limits of a planned motion: travel, speed, acceleration and jerk of joints, and regions for points of the arm.
 
-Nothing here knows the robot's own body or what stands around it.
+The robot's own body and its surroundings are not modelled here.
 """
 
 from typing import NamedTuple
@@ -15,13 +15,13 @@ from ftbias_jax.setup.types import LimitsSetup, Setup
 from ftbias_jax.types import Array
 
 REACH = 0.8
-"""rad (m) from the first pose, where the travel of a joint is not known."""
+"""rad (m); assumed travel to either side of the first pose, where that of a joint is not known."""
 SPEED = 1.0
-"""rad/s (m/s) where the speed of a joint is not known."""
+"""rad/s (m/s); assumed top speed, where that of a joint is not known."""
 RISE, ONSET = 0.5, 0.1
-"""s in which a joint reaches its top speed, and its largest acceleration, where these are not stated."""
+"""s; assumed times in which a joint reaches its top speed and its largest acceleration, where these are not stated."""
 SOFT = 0.1
-"""m or rad^2: unit in which an excess over the box, the floor and the cone is counted."""
+"""m or rad^2; unit in which an excess over the box, the floor and the cone is counted."""
 QUANTITIES = ("position", "velocity", "acceleration", "jerk")
 NOT_KNOWN = (
     "Not known to the plan, and not checked: collisions of the arm with itself, the tool's shape beyond its tip, "
@@ -31,10 +31,10 @@ NOT_KNOWN = (
 
 
 class Limits(NamedTuple):
-    """Limits with the margin taken off; what is not limited is infinite. A pytree."""
+    """Limits after deduction of the margin; infinite where there is none. A pytree."""
 
     lower: Float[Array, " n"]
-    """(n,) rad (m)."""
+    """(n,) rad (m), lower ends of the joints' travel."""
     upper: Float[Array, " n"]
     velocity: Float[Array, " n"]
     """(n,) rad/s (m/s)."""
@@ -49,20 +49,19 @@ class Limits(NamedTuple):
     up: Float[Array, " 3"]
     """(3,) unit vector against gravity, base frame."""
     floor: Float[Array, ""]
-    """() m along ``up``."""
+    """() m, lowest height along ``up``."""
     keep_axis: Float[Array, " 3"]
-    """(3,) unit vector, sensor frame."""
+    """(3,) unit vector, sensor frame, whose tilt is limited."""
     keep_cosine: Float[Array, ""]
-    """() the least cosine of its angle with where it points in the first pose; -inf = any."""
+    """() smallest cosine of the angle between that axis and its direction in the first pose; -inf = any."""
     wrench: Float[Array, " 6"]
-    """(6,) N, Nm."""
+    """(6,) N, Nm, largest wrench of the tool on the sensor."""
 
 
 def limits_of(setup: Setup, start: Float[np.ndarray, " n"], margin: float) -> tuple[Limits, tuple[str, ...]]:
-    """Limits of a setup for motions from a pose (n,) rad, and in words what was assumed because nobody states it.
+    """Return the limits for motions from a pose (n,) rad, and descriptions of those assumed for lack of a statement.
 
-    The robot's own limits count where [limits] says nothing; ``margin`` is the share of every range that is left
-    unused.
+    The robot's own limits apply where [limits] states none; ``margin`` is the share of every range that is left unused.
     """
     stated, robot, assumed = setup.limits, setup.robot, []
     lowest, highest = (np.full(len(start), x) for x in (-np.inf, np.inf))
@@ -96,7 +95,7 @@ def limits_of(setup: Setup, start: Float[np.ndarray, " n"], margin: float) -> tu
 
 
 def _space(setup: Setup, stated: LimitsSetup, up: np.ndarray, share: float) -> tuple[np.ndarray, ...]:
-    """Points and where they may be, and the largest wrench."""
+    """Monitored points and the regions allowed for them, and the largest wrench."""
     flange = -setup.sensor.rotation.T @ setup.sensor.translation
     center = np.nan_to_num(setup.tool.center_of_mass)
     points = np.stack([flange, np.zeros(3), center, center if stated.tip is None else stated.tip])
@@ -110,9 +109,9 @@ def _space(setup: Setup, stated: LimitsSetup, up: np.ndarray, share: float) -> t
 
 
 def joint_shares(limits: Limits, start: Float[Array, " n"], motion: Float[Array, "4 U n"]) -> Float[Array, "4 U n"]:
-    """How much of its limit each joint uses: (4, U, n) of position, velocity, acceleration and jerk; 1 = all of it.
+    """Share of its limits that each joint uses: (4, U, n) of position, velocity, acceleration and jerk; 1 = all.
 
-    The motion (4, U, n) has positions less those of the start (n,), rad, and their three derivatives.
+    The motion (4, U, n) holds positions relative to the start (n,), rad, and their three derivatives.
     """
     position, *rates = motion
     room = jnp.where(position > 0, (limits.upper - start)[None], (start - limits.lower)[None])
@@ -121,7 +120,7 @@ def joint_shares(limits: Limits, start: Float[Array, " n"], motion: Float[Array,
 
 
 def excess(limits: Limits, moving: ArmMotion, wrench: Float[Array, "U 6"]) -> Float[Array, "4 U"]:
-    """By how much box, floor, cone and wrench are exceeded, the worst of each: (4, U), 0 or less = kept.
+    """Excess over the limits of box, floor, cone and wrench, the worst of each: (4, U), 0 or less = kept.
 
     The arm is in its first pose in the first sample; the wrench (U, 6) N, Nm is that of the tool on the sensor.
     """
@@ -137,14 +136,14 @@ def excess(limits: Limits, moving: ArmMotion, wrench: Float[Array, "U 6"]) -> Fl
 
 
 SPACE = ("box", "floor", "orientation", "wrench")
-"""What the rows of ``excess`` are."""
+"""Names of the rows of ``excess``."""
 
 
 def check_start(limits: Limits, start: np.ndarray, names: tuple[str, ...], at_rest: np.ndarray) -> None:
-    """Refuse a first pose (n,) rad that is outside of the limits already; ``at_rest`` (4,) is the ``excess`` there.
+    """Raise an error if the first pose (n,) rad is outside the limits; ``at_rest`` (4,) is the ``excess`` there.
 
     Raises:
-        UsageError: a joint, or a point, is where it may not be.
+        UsageError: a joint or a point is outside its limits.
     """
     remedy = "start elsewhere (--start), state wider [limits], or a smaller --margin"
     for name, q, lower, upper in zip(names, start, limits.lower, limits.upper, strict=True):

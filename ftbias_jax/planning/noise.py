@@ -1,4 +1,4 @@
-"""The noise that the filter would believe of a log of the planned motion."""
+"""Noise that the filter would assume for a log of the planned motion."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,18 +14,18 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array, Sample
 
 SETTLES = 500
-"""Samples in which the joint filter's uncertainty has settled."""
+"""Number of samples after which the joint filter's uncertainty has converged."""
 LOOKED_AT = 4096
-"""Samples of the motion that the joints' process noise is fitted to."""
+"""Maximum number of samples of the motion to which the joints' process noise is fitted."""
 
 
 def noise_of(
     setup: Setup, q: Float[np.ndarray, "T n"], dq: Float[np.ndarray, "T n"], rate: float, grid_t: Array
 ) -> Noise:
-    """Noise of the readings while the joints move like this.
+    """Return the noise of the readings for a given motion of the joints.
 
-    q (T, n) rad and dq (T, n) rad/s have ``rate`` samples a second, as the log will, and no noise; grid_t (U,) s are
-    the bins of the plan, evenly spaced.
+    q (T, n) rad and dq (T, n) rad/s are free of noise and have ``rate`` samples a second, as the log will; grid_t (U,)
+    s are the evenly spaced bins of the plan.
     """
     options, rng, joints = options_from_setup(setup), np.random.default_rng(0), setup.joints
     q, dq = (
@@ -45,9 +45,9 @@ def noise_of(
 
 
 def smoothed_covariance(noise: JointNoise, model: str, dt: float) -> Float[np.ndarray, "n 3 3"]:
-    """(n, 3, 3) of smoothed positions, velocities and accelerations, far from both ends of a log with steps of dt s.
+    """(n, 3, 3) covariance of smoothed joint states, far from both ends of a log with steps of dt s.
 
-    The model is a key of ``process_models.JOINT_MODELS``.
+    The states are position, velocity and acceleration; the model is a key of ``process_models.JOINT_MODELS``.
     """
     densities = np.asarray(noise.process_density, float)
     A, Q = (

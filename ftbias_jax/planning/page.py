@@ -1,4 +1,4 @@
-"""A plan as a page: what it will tell, where it goes, and how much of the limits it uses. Nothing on it moves."""
+"""Static HTML page of a plan: expected standard errors, the path, and how much of the limits it uses."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from ftbias_jax.planning.result import Plan
 
 VIEWS = (("from above", 0, 1), ("from the side", 0, 2))
-"""Pictures of the tip's path: axes of the base frame, across and up."""
+"""Views of the tip's path: name, and the axes of the base frame drawn horizontally and vertically."""
 PATH_POINTS = 1500
 ROW, NAMES = 24, 100
-"""Drawing units of a bar, and for its name."""
+"""Drawing units: height of a bar, and width of its name."""
 
 
 def plan_page(plan: Plan) -> str:
-    """The HTML of a plan, one file that loads nothing."""
+    """HTML of a plan, as one self-contained file."""
     told, columns = plan.forecast, plan.forecast.columns
     names = [f"{name} [{unit}]" for name, unit in zip(told.labels, told.units, strict=True)]
     rows = list(zip(names, *columns.values(), strict=True))
@@ -64,7 +64,7 @@ def plan_page(plan: Plan) -> str:
 
 
 def tip_path(plan: Plan) -> np.ndarray:
-    """(T, 3) m, base frame: where the tip of the tool goes, or its centre of mass if the setup states no tip."""
+    """(T, 3) m, base frame: path of the tool's tip, or of its centre of mass if the setup states no tip."""
     step = max(1, len(plan.motion.t) // PATH_POINTS)
     limits, _ = limits_of(plan.setup, plan.motion.q[0], 0.0)
     moving = arm_motion(plan.setup.robot, plan.setup.sensor, *(x[::step] for x in plan.motion[1:4]))

@@ -1,4 +1,4 @@
-"""The verb ``plan``: a motion that tells most about what is asked, within limits, and what it will tell."""
+"""The verb ``plan``: the most informative motion within limits for the requested parameters, and its forecast."""
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -29,13 +29,13 @@ from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup import GivenSetup, Setup, as_setup
 
 SHORTEST, LONGEST = 4.0, 300.0
-"""s of a plan."""
+"""s, shortest and longest duration of a plan."""
 RATES = (20.0, 10_000.0)
-"""Hz, of the samples."""
+"""Hz, lowest and highest sampling rate."""
 STILL = 1e-6
-"""Share of a motion that is no motion."""
+"""Factor that scales a motion down to standing still."""
 BINS_A_PERIOD, LEAST_RATE = 10, 25.0
-"""Bins of the plan's grid in a period of its fastest harmonic, and their least rate, Hz."""
+"""Bins of the plan's grid per period of its fastest harmonic, and their lowest rate, Hz."""
 
 
 @in_float64
@@ -53,32 +53,32 @@ def plan(
     own: Sequence[Effect] = (),
     progress: Callable[[str], None] = silent,
 ) -> Plan:
-    """Plan the motion that tells most about the tool, an effect, or which of two effects a gap has.
+    """Plan the most informative motion about the tool, an effect, or which of two effects causes a gap.
 
     It starts and ends at rest in one pose, keeps to the limits of [limits] and of the robot, and is judged with bias
-    and drift as nuisance and with the noise that the filter believes. Self-collision and whatever stands in the cell
-    are not known to it. Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's cache
-    folder (``FTBIAS_CACHE=off`` does not).
+    and drift as nuisance and with the noise model of the filter. Self-collision and obstacles in the cell are not
+    considered. Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's cache folder
+    (unless ``FTBIAS_CACHE=off``).
 
     Args:
         setup: robot, sensor, tool, noise and limits, or its path.
-        to_find: "tool" for its mass, centre of mass and inertia; "noise" for that of the readings at rest and what
-            each joint's speed adds, of which nothing is forecast of logs at hand; the name of an effect for its
-            parameters; two names with a colon between them for what tells one from the other.
+        to_find: "tool" for its mass, centre of mass and inertia; "noise" for that of the readings at rest and what each
+            joint's speed adds, where existing logs do not enter the forecast; the name of an effect for its parameters;
+            two names joined by a colon to distinguish one from the other.
         duration: s, of the motion.
         rate: samples a second of the log that will be recorded, and of the motion's table.
-        start: (n,) rad, the first and last pose; None = that of the first log, or else one in the middle of the
-            robot's working range.
-        logs: recorded already, or their paths; what they tell is added to the forecast.
+        start: (n,) rad, the first and last pose; None = that of the first log, or else one in the middle of the robot's
+            working range.
+        logs: existing logs, or their paths; their information is added to the forecast.
         values: effect -> parameter -> value, of effects that a diagnosis has found; others are planned for at the
             setup's or at typical values.
         margin: share of every limit that is left unused.
-        seed: of the random motions that the search begins at.
+        seed: of the random motions from which the search starts.
         own: effects of your own beside those of the catalogue.
         progress: called with the name of each stage as it begins.
 
     Raises:
-        UsageError: an argument is impossible, the first pose is outside of the limits, or no motion tells what is
+        UsageError: an argument is impossible, the first pose is outside of the limits, or no motion determines what is
             asked. SetupError: the setup has no tool, or an effect of it is impossible.
     """
     began = time.monotonic()
@@ -124,11 +124,11 @@ def plan(
 
 
 def check_arguments(setup: Setup, names: tuple[str, ...], duration: float, rate: float, margin: float) -> None:
-    """Refuse what no plan can be made for.
+    """Raise an error for arguments for which no plan can be made.
 
     Raises:
-        UsageError: a number is out of range, more than two names, a recorded pose in place of joints, or a controller
-            that takes the tool out of the reading.
+        UsageError: a number is out of range, there are more than two names, a pose is recorded instead of joints, or
+            the controller subtracts the tool from the reading.
     """
     if setup.pose is not None:
         raise UsageError("has a recorded pose instead of joints", field="setup", remedy="give a setup with [robot]")
@@ -148,10 +148,10 @@ def check_arguments(setup: Setup, names: tuple[str, ...], duration: float, rate:
 
 
 def first_pose(setup: Setup, logs: Sequence[Log], start: Sequence[float] | None) -> np.ndarray:
-    """(n,) rad: the pose that is given, or the first one that is recorded, or one amid the robot's range.
+    """(n,) rad: the given pose, or the first recorded one, or one in the middle of the robot's working range.
 
     Raises:
-        UsageError: it has another number of joints, or is no number.
+        UsageError: it has another number of joints, or is not finite.
     """
     if start is None:
         return np.asarray(first_position(logs[0].q) if logs else working_range(setup)[0], float)
@@ -170,10 +170,10 @@ def make_task(
     duration: float,
     rate: float,
 ) -> tuple[Task, np.ndarray]:
-    """What a motion's worth depends on, on bins that see its fastest harmonic, with the noise of a random motion.
+    """Build the task on bins that resolve the fastest harmonic, with the noise of a random motion.
 
-    Beside it the coefficients (n, M) of that one. The motion is from the pose ``start`` (n,) rad and takes ``duration``
-    s, of which the log has ``rate`` samples each; ``params`` are the setup as arrays, ``numbers`` as in ``Task``.
+    Also returns the coefficients (n, M) of that motion. It starts at the pose ``start`` (n,) rad and takes ``duration``
+    s with ``rate`` log samples each; ``params`` is the setup as arrays, ``numbers`` as in ``Task``.
     """
     harmonics = harmonics_for(limits, duration)
     bins = round(duration * max(LEAST_RATE, BINS_A_PERIOD * harmonics / duration))

@@ -1,4 +1,4 @@
-"""What a plan gives back: the motion, what it will tell, and how much of the limits it uses."""
+"""Result of a plan: the motion, the forecast of what it determines, and how much of the limits it uses."""
 
 import os
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from ftbias_jax.setup.types import Setup
 
 
 class Options(NamedTuple):
-    """What was asked."""
+    """What was requested."""
 
     to_find: str
     duration: float
@@ -36,24 +36,24 @@ class Options(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A motion that starts and ends at rest in the same pose, and what a log of it will tell."""
+    """A motion that starts and ends at rest in the same pose, and the forecast of what a log of it determines."""
 
     setup: Setup
     options: Options
     asked: tuple[Asked, ...]
     motion: Motion
-    """At the rate that was asked for."""
+    """The motion at the requested rate."""
     coefficients: np.ndarray
-    """(n, M) of the joints' Fourier series."""
+    """(n, M) coefficients of the joints' Fourier series."""
     forecast: Forecast
     used: np.ndarray
     """(4, n) largest share of its position, velocity, acceleration and jerk that each joint uses, at 1 kHz."""
     assumed: tuple[str, ...]
-    """Limits that nobody states."""
+    """Descriptions of limits that were assumed because nothing states them."""
     logs: tuple[Log, ...] = ()
-    """At hand already."""
+    """Existing logs that the forecast includes."""
     seconds: float = 0.0
-    """That it took."""
+    """s, computing time."""
 
     def at(self, t: np.ndarray) -> Motion:
         """The motion at any times t (T,) s since its start; before and after it the arm stands still."""
@@ -72,11 +72,11 @@ class Plan:
         writer(path)(path, arrays, About(origin=self.provenance))  # with all digits: jerk is their third difference
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
-        """Write what the motion will tell, and the limits it uses, as JSON."""
+        """Write the forecast and the use of the limits as JSON."""
         write_json(path, self.plain() | {"provenance": self.provenance})
 
     def to_html(self, path: str | os.PathLike[str]) -> None:
-        """Write a page: what the motion will tell, its path, and the limits it uses.
+        """Write an HTML page with the forecast, the path and the use of the limits.
 
         Raises:
             OutputError: the file cannot be written there.
@@ -84,16 +84,16 @@ class Plan:
         write_text(path, plan_page(self))
 
     def save_for(self, path: str | os.PathLike[str], format: str) -> None:
-        """Write the motion as a robot's controller takes it.
+        """Write the motion in the format of a robot's controller.
 
         Args:
             path: the file.
-            format: "ros", a JointTrajectory as YAML; "bag", the same as MCAP; "ur", URScript; "franka", positions
-                for every millisecond as JSON.
+            format: "ros", a JointTrajectory as YAML; "bag", the same as MCAP; "ur", URScript; "franka", positions for
+                every millisecond as JSON.
 
         Raises:
-            UsageError: there is no such format, or the arm has not the joints of such a robot. OutputError: the file
-                cannot be written there.
+            UsageError: there is no such format, or its robots have another number of joints than the arm. OutputError:
+                the file cannot be written there.
         """
         check_controllers(self.setup, [format])
         content = FORMATS[format](self)
@@ -101,11 +101,11 @@ class Plan:
 
     @property
     def provenance(self) -> Provenance:
-        """What it was made from, as files say it."""
+        """Provenance of the plan, as written to files: setup, logs and options."""
         return provenance(self.setup, [source_of(log) for log in self.logs], self.options._asdict())
 
     def plain(self) -> dict[str, Any]:
-        """Expected standard errors, what is separated, what cannot be, and shares of limits, as plain numbers."""
+        """Expected standard errors, separations, what is not determined, and shares of limits, as plain numbers."""
         told = self.forecast
 
         def named(stds: np.ndarray | None) -> Any:

@@ -1,4 +1,4 @@
-"""Motions as numbers: a finite Fourier series for every joint, faded in and out so that it starts and ends at rest.
+"""Parametric motions: a finite Fourier series per joint, faded in and out so that it starts and ends at rest.
 
 Positions, velocities, accelerations and jerks are linear in the coefficients, and exact at any time.
 """
@@ -16,14 +16,14 @@ FADE = 1.5
 """s in which the series is faded in, and out again; a quarter of the duration if that is shorter."""
 MOST_HARMONICS = 64
 SHARPNESS = 40.0
-"""Exponent of the norm that stands for the largest share: it exceeds it by a twentieth or so, and has a derivative."""
+"""Exponent of the norm that replaces the largest share: it exceeds it by about a twentieth and is differentiable."""
 
 ROWS = 8192
-"""Times at which a motion is worked out together."""
+"""Number of times at which a motion is evaluated together."""
 
 
 class Grid(NamedTuple):
-    """Times, and the derivatives of all basis functions there."""
+    """Times, and all basis functions with their derivatives there."""
 
     t: Float[Array, " U"]
     """(U,) s."""
@@ -32,8 +32,8 @@ class Grid(NamedTuple):
 
 
 def harmonics_for(limits: Limits, duration: float) -> int:
-    """How many multiples of 1/duration the series has: up to three times the frequency at which the joint that is
-    quickest for its speed meets the limits of speed and of acceleration at once."""
+    """Number of harmonics of 1/duration: up to three times the highest frequency at which a joint reaches its limits of
+    speed and of acceleration together."""
     corner = float(np.max(np.asarray(limits.acceleration) / np.asarray(limits.velocity))) / (2 * np.pi)
     return int(np.clip(np.ceil(3 * corner * duration), 4, MOST_HARMONICS))
 
@@ -73,14 +73,14 @@ def grid(t: Float[np.ndarray, " U"], duration: float, harmonics: int) -> Grid:
 
 
 def motion(points: Grid, coefficients: Float[Array, "n M"]) -> Float[Array, "4 U n"]:
-    """Positions less those of the first pose, and their three derivatives: (4, U, n) rad/s^k."""
+    """Positions relative to the first pose, and their three derivatives: (4, U, n) rad/s^k."""
     return jnp.einsum("dum,nm->dun", jnp.asarray(points.basis), coefficients)
 
 
 def within(
     points: Grid, limits: Limits, start: Float[Array, " n"], free: Float[Array, "n M"]
 ) -> tuple[Float[Array, "n M"], Float[Array, "4 U n"]]:
-    """Any numbers (n, M) -> coefficients of a motion whose joints keep to their limits, and that motion.
+    """Map any numbers (n, M) to coefficients of a motion within the joints' limits; also return that motion.
 
     A joint that would exceed a limit is scaled down as a whole; its motion is linear in its coefficients.
     """
@@ -105,7 +105,7 @@ class Motion(NamedTuple):
 
 
 def motion_at(t: Float[np.ndarray, " T"], duration: float, start: np.ndarray, coefficients: np.ndarray) -> Motion:
-    """The motion with these coefficients (n, M) at any times (T,) s, worked out in pieces that fit the memory."""
+    """Evaluate the motion with these coefficients (n, M) at times t (T,) s, in pieces that fit into memory."""
     harmonics = (coefficients.shape[1] - 1) // 2
     pieces = [t[first : first + ROWS] for first in range(0, len(t), ROWS)]
     moved = [np.einsum("dum,nm->dun", grid(piece, duration, harmonics).basis, coefficients) for piece in pieces]
@@ -114,7 +114,7 @@ def motion_at(t: Float[np.ndarray, " T"], duration: float, start: np.ndarray, co
 
 
 def random_shapes(key: int, count: int, joints: int, harmonics: int) -> Float[np.ndarray, "count n M"]:
-    """Numbers (count, n, M) to start from: all frequencies, the higher ones smaller, large enough to meet limits."""
+    """Random numbers (count, n, M) to start from: higher frequencies smaller, large enough to reach the limits."""
     rng = np.random.default_rng(key)
     order = np.arange(1, harmonics + 1)
     size = np.concatenate([[0.5], *[np.exp(-order / (0.3 * harmonics)) / np.sqrt(order)] * 2])

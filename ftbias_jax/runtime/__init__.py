@@ -1,1 +1,1 @@
-"""What programs run on: compiled loops, settings of JAX, processes and progress."""
+"""Runtime infrastructure: compiled loops, JAX configuration, processes, signals and progress display."""

@@ -1,12 +1,12 @@
 """Loops over many short arrays, compiled as one function.
 
-XLA starts a kernel for every few operations, and for arrays of a few numbers starting costs fifty times the arithmetic.
-A call that carries XLA's mark of small calls is compiled as a whole instead, its loops included. A version of XLA that
-does not know the mark ignores it: results are the same and take longer. Matrix products have no place in such a call.
+XLA launches a kernel for every few operations, and for arrays of a few numbers the launch costs fifty times the
+arithmetic. A call with XLA's attribute ``xla_cpu_small_call`` is compiled as a single function instead, loops included.
+XLA versions that do not know it give the same results and take longer. Such a call must not contain matrix products.
 
-Logs are padded to powers of two, so that logs of many lengths share a few programs. On a processor their work is done
-in pieces, and a piece without a sample of the log is passed over: of a program for 8,192 samples a log of 5,000 takes
-the time of 5,120.
+Logs are padded to powers of two, so that logs of many lengths share a few programs. On a CPU they are processed in
+pieces, and a piece that holds only padding is skipped: in a program for 8,192 samples, a log of 5,000 samples takes the
+time of 5,120.
 """
 
 from collections.abc import Callable
@@ -24,26 +24,26 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 PIECE = 256
-"""Samples: of a log as many as half of that are padding, on average."""
+"""Samples per piece; on average, half a piece per log is padding."""
 
 
 def compile_whole(function: Callable[P, R]) -> Callable[P, R]:
-    """The same function of arrays, compiled as a whole on a processor; on an accelerator as ever.
+    """Compile a function of arrays as a whole on a CPU; on an accelerator the call is unchanged.
 
-    Inside such a function it also marks a part whose results are to be worked out once: XLA would work cheap terms out
-    again for every result that needs them, ten times over in a step of a filter.
+    Used inside such a function, it also marks a part whose results are to be computed once: XLA recomputes cheap shared
+    subexpressions for every result that needs them, ten times over in a filter step.
     """
 
     @jax.jit
     def whole(*arguments: P.args, **named: P.kwargs) -> R:
-        # The mark is for this call and not for those inside it, to which JAX would pass it on.
+        # The attributes are meant for this call only; JAX would pass them on to the calls inside it.
         with set_xla_metadata(xla_cpu_small_call="false", inlineable="true"):
             return function(*arguments, **named)
 
     def call(*arguments: P.args, **named: P.kwargs) -> R:
         if not on_cpu():
             return function(*arguments, **named)
-        # XLA crashes on a marked call into which it has moved a constant argument; none passes a barrier.
+        # XLA crashes on a marked call into which it has moved a constant argument; the barrier prevents that.
         arguments, named = jax.lax.optimization_barrier((arguments, named))
         with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
             return whole(*arguments, **named)
@@ -52,9 +52,9 @@ def compile_whole(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def compile_forward(function: Callable[..., R]) -> Callable[..., R]:
-    """``compile_whole`` of a function whose reverse pass stays as XLA compiles it by itself, which takes longer.
+    """Apply ``compile_whole`` to the forward pass only; XLA compiles the reverse pass as usual, which takes longer.
 
-    XLA aborts on a marked call that does not read all it is given, which reverse passes that JAX derives may not.
+    XLA aborts on a marked call that leaves an argument unread, which reverse passes that JAX derives may do.
     """
     whole: Any = jax.custom_vjp(compile_whole(function))
     whole.defvjp(lambda *arguments: jax.vjp(function, *arguments), lambda pull, bar: pull(bar))
@@ -62,7 +62,7 @@ def compile_forward(function: Callable[..., R]) -> Callable[..., R]:
 
 
 def running_sum(x: Array) -> Array:
-    """Sums over the first axis; ``jnp.cumsum`` takes several times as long to compile and to run on a processor."""
+    """Cumulative sums over the first axis; ``jnp.cumsum`` takes several times as long to compile and run on a CPU."""
     return compile_whole(_running_sum)(x)
 
 
@@ -75,20 +75,20 @@ def _running_sum(x: Array) -> Array:
 
 
 def one_at_a_time(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The same function, which ``vmap`` on a processor turns into a loop: the arrays of one call stay in the cache."""
+    """Make ``vmap`` of a function a loop on a CPU, so that the arrays of one call stay in the cache."""
     return _looped(function, nested=False)
 
 
 def log_by_log(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The same function of a whole log, of which ``vmap`` on a processor takes one log after the other, however nested.
+    """Make ``vmap`` of a function of a whole log process one log after the other on a CPU, however deeply nested.
 
-    Many logs take no longer than each by itself, and what the function leaves out of one log is left out.
+    Many logs take no longer than each separately, and work that the function skips for a log is really skipped.
     """
     return _looped(function, nested=True)
 
 
 def _looped(function: Callable[..., Any], *, nested: bool) -> Callable[..., Any]:
-    """A function that ``vmap`` on a processor turns into a loop; a further one as well, if it is ``nested``."""
+    """A function that ``vmap`` turns into a loop on a CPU; if ``nested``, every further ``vmap`` does so as well."""
     if not on_cpu():
         return function
     looped: Any = jax.custom_batching.custom_vmap(function)
@@ -104,14 +104,14 @@ def _looped(function: Callable[..., Any], *, nested: bool) -> Callable[..., Any]
 
 
 def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``log_by_log`` for a function that is differentiated too, one log after the other as well.
+    """``log_by_log`` for a function that is differentiated: the reverse pass also processes one log after the other.
 
-    Derivatives are worked out with respect to the arguments for which they are asked, and no others.
+    Derivatives are computed only with respect to the arguments for which they are requested.
     """
     if not on_cpu():
         return function
     whole: Any = jax.custom_vjp(log_by_log(function))
-    structure: Any = None  # of what the reverse pass keeps, found while the forward pass is traced
+    structure: Any = None  # pytree structure of the residuals, found while the forward pass is traced
 
     def forward(*primals: Any) -> tuple[Any, Any]:
         leaves, tree = jax.tree.flatten(primals)
@@ -124,7 +124,7 @@ def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
             return found, kept
 
         values = [x.value for x in leaves]
-        # Traced here alone: another trace may keep other values, and the loop and the reverse pass count on these.
+        # Traced only here: another trace may keep other residuals, and the loop and the reverse pass rely on these.
         traced, shapes = jax.make_jaxpr(one_log, return_shape=True)(*values)
 
         def as_traced(*values: Array) -> tuple[Any, list[Array]]:
@@ -145,7 +145,7 @@ def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _differentiated_once(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The same function of a forward pass, which has no derivatives of its own: its reverse pass is written by hand."""
+    """The forward pass without derivatives of its own, because its reverse pass is written by hand."""
     once: Any = jax.custom_jvp(function)
 
     def refuse(primals: Any, tangents: Any) -> Any:
@@ -161,15 +161,15 @@ def over_pieces(
     """Carry a state through the pieces of a padded log.
 
     Args:
-        work: state, and a piece of the log -> the state after it, and results with a leading time axis; padding must
+        work: maps the state and a piece of the log to the next state and results with a leading time axis; padding must
             not change the state.
-        state: before the first piece, or after the last one.
-        log: a tree of arrays (T, ...).
-        length: samples at the start that are of the log; what is worked out for the others means nothing.
-        reverse: from the last piece to the first.
+        state: initial state, before the first piece or, if ``reverse``, after the last one.
+        log: a pytree of arrays (T, ...).
+        length: number of samples at the start that belong to the log; results of the padding after them are undefined.
+        reverse: process the pieces from the last to the first.
 
     Returns:
-        the last state and the results (T, ...).
+        the final state and the results (T, ...).
     """
     room = len(jax.tree.leaves(log)[0])
     if room <= PIECE or room % PIECE or not on_cpu():
@@ -190,7 +190,7 @@ def over_pieces(
 
 
 def of_some(function: Any, chosen: Any, arguments: Any) -> tuple[Callable[[list[Array]], Any], list[Array]]:
-    """The function of the chosen leaves of its arguments alone, and these."""
+    """Restrict a function to the chosen leaves of its arguments; returns the restricted function and these leaves."""
     leaves, structure = jax.tree.flatten(arguments)
     is_chosen = jax.tree.leaves(tuple(chosen))
 
@@ -203,7 +203,7 @@ def of_some(function: Any, chosen: Any, arguments: Any) -> tuple[Callable[[list[
 
 
 def on_cpu() -> bool:
-    """Whether programs run on the processor, where loops of short steps are quick."""
-    config: Any = jax.config  # JAX's types do not know its settings
+    """Whether programs run on a CPU, where loops of short steps are fast."""
+    config: Any = jax.config  # JAX's type hints lack its settings
     chosen = config.jax_default_device
     return (getattr(chosen, "platform", chosen) or jax.default_backend()) == "cpu"

@@ -1,6 +1,6 @@
-"""Tasks done by an executor: of a cluster that people already run, Dask, Ray or MPI, or by processes of our own.
+"""Run tasks on an executor: that of an existing cluster (Dask, Ray or MPI), or local worker processes.
 
-These do not take each other down: where the system kills one, its task is tried again by itself.
+If the operating system kills a local process, the tasks lost with it are retried, each in a process of its own.
 """
 
 import importlib
@@ -22,13 +22,13 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 IN_FLIGHT = 64
-"""Bundles of tasks that an executor is given at a time: enough for as many workers, few enough to hold."""
+"""Bundles of tasks submitted to an executor at a time: enough for as many workers, few enough to hold in memory."""
 MOST_TOGETHER = 32
-"""Tasks of a bundle."""
+"""Maximum number of tasks per bundle."""
 TRIES = 2
-"""Of a task whose worker is lost."""
+"""Number of attempts at a task whose worker is lost each time, before it is given up."""
 PATIENCE = 20
-"""s in which a scheduler must answer."""
+"""s within which a cluster's scheduler must answer."""
 
 
 def run_with(
@@ -38,18 +38,18 @@ def run_with(
     in_flight: int = IN_FLIGHT,
     seconds: float = 0.0,
 ) -> Iterator[tuple[Task, Result | None]]:
-    """Every task with its result as it gets ready, or with None if its workers were lost again and again.
+    """Yield every task with its result as it becomes ready, or with None if its workers were lost repeatedly.
 
     Args:
-        executor: the caller's own, which stays open.
-        work: what to do, in float64; can be pickled. What it raises is raised here.
-        tasks: each once; taken from a generator as workers get free.
-        in_flight: bundles of tasks at a time.
-        seconds: of work in a bundle, as those before took: a scheduler takes milliseconds to hand one out. 0 = a task
-            by itself, also where tasks hold much data.
+        executor: belongs to the caller and stays open.
+        work: function of a task, run in float64; must be picklable. Exceptions that it raises are re-raised here.
+        tasks: each is done once; they are taken from the iterable as workers become free.
+        in_flight: maximum number of bundles of tasks submitted at a time.
+        seconds: target duration of a bundle, estimated from earlier ones, because a scheduler takes milliseconds to
+            dispatch one; 0 = one task per bundle, also suitable where tasks hold much data.
 
     Raises:
-        UsageError: the executor takes no more tasks.
+        UsageError: the executor accepts no more tasks.
     """
     waiting, together = iter(tasks), 1
     flying = dict[Future[tuple[list[Result], Exception | None, float]], tuple[tuple[Task, ...], int]]()
@@ -76,14 +76,14 @@ def run_with(
                 together = min(max(int(seconds * len(bundle) / max(took, 1e-9)), 1), MOST_TOGETHER)
                 yield from zip(bundle, results, strict=True)
             elif tried < TRIES:
-                for task in bundle:  # by itself: the guilty one shows when it is alone
+                for task in bundle:  # each separately, which shows the task that kills its worker
                     submit((task,), tried)
             else:
                 yield from ((task, None) for task in bundle)
 
 
 def _in_float64(work: Callable[[Task], Result], bundle: Iterable[Task]) -> tuple[list[Result], Exception | None, float]:
-    """The results, or what the work raised: an exception of its own is no loss of a worker; and the seconds it took."""
+    """The results, the exception that the work raised (which is not a lost worker) or None, and the elapsed seconds."""
     started, results = time.perf_counter(), list[Result]()
     try:
         results += map(in_float64(work), bundle)
@@ -93,10 +93,10 @@ def _in_float64(work: Callable[[Task], Result], bundle: Iterable[Task]) -> tuple
 
 
 def run_each(work: Callable[[Task], Result], tasks: Iterable[Task], jobs: int) -> Iterator[tuple[Task, Result | None]]:
-    """Every task with its result as it gets ready, or with None if its process was killed.
+    """Yield every task with its result as it becomes ready, or with None if its process was killed.
 
-    So many ``jobs`` are done at a time, by work that can be pickled; with 1 in this process, where JAX is as the caller
-    prepared it.
+    ``jobs`` tasks are done at a time, each in a process, by picklable work; with 1 they are done in this process, where
+    JAX stays as the caller configured it.
     """
     if jobs == 1:
         yield from ((task, work(task)) for task in tasks)
@@ -106,13 +106,13 @@ def run_each(work: Callable[[Task], Result], tasks: Iterable[Task], jobs: int) -
 
 
 class Processes(Executor):
-    """So many processes, and new ones where the system killed one, for all are lost with it."""
+    """A pool of ``jobs`` processes, replaced by a new pool if the system kills one, because all are lost with it."""
 
     def __init__(self, jobs: int) -> None:
         self._jobs, self._pool = jobs, _pool(jobs)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """As of every executor."""
+        """Submit a call, as ``Executor.submit``."""
         with interrupts_blocked():  # submitting starts processes
             try:
                 return self._pool.submit(fn, *args, **kwargs)
@@ -121,7 +121,7 @@ class Processes(Executor):
                 return self._pool.submit(fn, *args, **kwargs)
 
     def again(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
-        """A task whose process was lost, in one of its own: the guilty one shows when it is alone."""
+        """Run a task whose process was lost in a process of its own, which shows whether it is the cause."""
         stop_if_ending()
         with _pool(1) as pool:
             future = pool.submit(fn, *args)
@@ -130,40 +130,40 @@ class Processes(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """As of every executor."""
+        """Shut the pool down, as ``Executor.shutdown``."""
         self._pool.shutdown(wait, cancel_futures=cancel_futures)
 
 
 def _pool(jobs: int) -> ProcessPoolExecutor:
-    # Spawned, not forked: JAX runs threads, which a fork would leave behind in the middle of what they do.
+    # Spawned, not forked: JAX runs threads, which a fork would cut off in the middle of their work.
     context = multiprocessing.get_context("spawn")
     return ProcessPoolExecutor(jobs, mp_context=context, initializer=_prepare)
 
 
 def _prepare() -> None:
-    """What every process of a pool does first."""
+    """Initialise a process of a pool."""
     end_with_parent()
     prepare_jax()
 
 
 @contextmanager
 def executor_of(name: str) -> Iterator[Executor]:
-    """The executor of a cluster: "dask:tcp://HOST:PORT", "ray" or "ray:ADDRESS".
+    """Connect to the executor of a cluster: "dask:tcp://HOST:PORT", "ray" or "ray:ADDRESS".
 
     Raises:
-        UsageError: no such cluster, or its package is not installed.
+        UsageError: there is no such cluster, or its package is not installed.
     """
     kind, _, address = name.partition(":")
     try:
         if kind == "dask" and address:
             distributed: Any = importlib.import_module("distributed")
             with distributed.Client(address, timeout=PATIENCE, set_as_default=False) as client:
-                # A log may be another one although its path is the same: nothing is taken from earlier results.
+                # The same path may name another log than before, so earlier results must not be reused.
                 yield client.get_executor(pure=False)
         elif kind == "ray":
             ray = importlib.import_module("ray")
             with warnings.catch_warnings():
-                # JAX warns of forks; Ray's replace themselves by other programs at once.
+                # JAX warns of forks, but Ray's forked processes immediately execute another program.
                 warnings.filterwarnings("ignore", r"os\.fork\(\) was called", RuntimeWarning)
                 ray.init(address or None, ignore_reinit_error=True, log_to_driver=False)
             try:
@@ -180,7 +180,7 @@ def executor_of(name: str) -> Iterator[Executor]:
 
 
 class _Ray(Executor):
-    """Ray's tasks as futures."""
+    """Adapter that submits calls as Ray tasks and returns futures."""
 
     def __init__(self, ray: Any) -> None:
         self.ray = ray

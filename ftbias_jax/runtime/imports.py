@@ -1,4 +1,4 @@
-"""Many modules imported at once, as a command does that starts."""
+"""Faster import of many modules, for commands that start."""
 
 import gc
 import sys
@@ -6,15 +6,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 LARGEST = "jax"
-"""The package that brings most modules: where it is imported already, little is left to do."""
+"""The package with the most modules; if it is already imported, little is left to import."""
 
 
 @contextmanager
 def many_imports() -> Iterator[None]:
-    """While the block imports modules, do not look for garbage, and never again among what it made.
+    """Suspend garbage collection while the block imports modules, and exempt the objects made there from later ones.
 
-    Modules make hundreds of thousands of objects that stay, and every search would look through all of them: that is
-    a seventh of the time that imports take. In a process that has imported them before nothing changes.
+    Modules create hundreds of thousands of objects that stay, and every collection would scan all of them, which takes
+    a seventh of the import time. A process that has already imported them is left as it is.
     """
     if LARGEST in sys.modules or not gc.isenabled():
         yield

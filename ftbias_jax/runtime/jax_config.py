@@ -1,4 +1,4 @@
-"""JAX as commands and verbs want it: double precision, and programs that stay compiled between runs."""
+"""JAX configuration for commands and API functions: double precision and a persistent cache of compiled programs."""
 
 import os
 import stat
@@ -19,17 +19,17 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 MIN_COMPILE_SECONDS = 0.02
-"""Programs that compile faster are not worth a file."""
+"""s; programs that compile faster are not worth a file in the cache."""
 LARGEST_PROGRAM = 1 << 28
-"""Bytes of a file in the cache; a larger one is none of ours, and nothing is read from there."""
+"""Maximum bytes of a file in the cache; a larger one is not from this package, and the cache is not read then."""
 CACHE_SWITCH = "FTBIAS_CACHE"
-"""Environment variable; "off" = compiled programs are not kept."""
+"""Name of an environment variable; "off" = compiled programs are not kept."""
 
 
 def prepare_jax() -> None:
-    """Compute in float64 from now on and keep compiled programs: for a process of its own, before any array is made.
+    """Configure a dedicated process for float64 and kept programs; to be called before any array is created.
 
-    On the processor, if the environment does not name a device: a log alone takes longer on another one.
+    The CPU is used unless the environment names a device, because a single log takes longer on another one.
 
     Raises:
         UsageError: JAX has no device of the kind that the environment asks for.
@@ -49,10 +49,10 @@ def prepare_jax() -> None:
 def keep_programs() -> None:
     """Keep compiled programs in the user's cache folder, so that the next process need not compile them.
 
-    What JAX was already told about a cache (``JAX_COMPILATION_CACHE_DIR``, ``JAX_ENABLE_COMPILATION_CACHE``) stays, and
-    ``FTBIAS_CACHE=off`` keeps nothing. Where no folder can be made, everything works and is compiled anew each time.
+    JAX's own cache settings (``JAX_COMPILATION_CACHE_DIR``, ``JAX_ENABLE_COMPILATION_CACHE``) take precedence, and
+    ``FTBIAS_CACHE=off`` keeps nothing. If the folder cannot be created, programs are compiled anew in every process.
     """
-    config: Any = jax.config  # JAX's types do not know its settings
+    config: Any = jax.config  # JAX's type hints lack its settings
     decided = config.jax_compilation_cache_dir is not None or not config.jax_enable_compilation_cache
     if decided or os.environ.get(CACHE_SWITCH, "").lower() == "off":
         return
@@ -67,7 +67,7 @@ def keep_programs() -> None:
 
 
 def _is_readable(folder: Path) -> bool:
-    """Whether JAX, which asks nothing, can read what is in a cache: a pipe would make it wait for ever."""
+    """Whether a cache holds only folders and plain files; JAX does not check that, and would wait forever on a pipe."""
     try:
         with os.scandir(folder) as entries:
             return all(entry.is_dir(follow_symlinks=False) or is_plain(entry.stat()) for entry in entries)
@@ -76,15 +76,15 @@ def _is_readable(folder: Path) -> bool:
 
 
 def is_plain(state: os.stat_result) -> bool:
-    """Whether a file is one, and of a size that a compiled program may have."""
+    """Whether a file is a regular one, of a size that a compiled program may have."""
     return stat.S_ISREG(state.st_mode) and state.st_size <= LARGEST_PROGRAM
 
 
 def in_float64(verb: Callable[P, R]) -> Callable[P, R]:
-    """The same function, which computes in float64 whatever JAX's setting is, and keeps its compiled programs.
+    """Decorator that computes in float64, whatever JAX's setting is, and keeps the compiled programs.
 
-    On the processor, unless the caller has chosen a device (``JAX_PLATFORMS``, ``jax.default_device``). The settings
-    hold while the function runs, in the thread that called it; the caller's own programs stay as they are.
+    The CPU is used unless the caller has chosen a device (``JAX_PLATFORMS``, ``jax.default_device``). The settings
+    apply while the function runs, in the calling thread; the caller's own programs are unaffected.
     """
 
     @wraps(verb)
@@ -97,8 +97,8 @@ def in_float64(verb: Callable[P, R]) -> Callable[P, R]:
 
 
 def same_precision(function: Callable[P, R]) -> Callable[P, R]:
-    """The same function for other threads, which would not know what precision, device and context hold in this one."""
-    config: Any = jax.config  # JAX's types do not know its settings
+    """Wrap a function for other threads, so that it runs with the precision, device and context of this thread."""
+    config: Any = jax.config  # JAX's type hints lack its settings
     wide, device, context = is_wide(), config.jax_default_device, copy_context()
 
     @wraps(function)
@@ -110,20 +110,20 @@ def same_precision(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _precision(wide: bool) -> AbstractContextManager[object]:
-    # Where nothing changes nothing is set: JAX would trace its programs again.
+    # An unchanged setting is not set again, because JAX would retrace its programs.
     return nullcontext() if wide == is_wide() else jax.enable_x64(wide)
 
 
 def _is_chosen() -> bool:
-    """Whether the caller has said on which device JAX is to compute."""
-    config: Any = jax.config  # JAX's types do not know its settings
+    """Whether the caller has chosen the device on which JAX computes."""
+    config: Any = jax.config  # JAX's type hints lack its settings
     return bool(config.jax_platforms or config.jax_default_device)
 
 
 def on_device(device: Any) -> AbstractContextManager[object]:
-    """A block in which JAX computes there; None = on the processor, where JAX may use it."""
+    """Context in which JAX computes on a device; None = on the CPU, if JAX may use it."""
     if device is None:
-        if on_cpu():  # where nothing changes nothing is set: JAX would trace its programs again
+        if on_cpu():  # an unchanged setting is not set again, because JAX would retrace its programs
             return nullcontext()
         try:
             device = jax.devices("cpu")[0]
@@ -133,18 +133,18 @@ def on_device(device: Any) -> AbstractContextManager[object]:
 
 
 def accelerator() -> Any:
-    """The device on which JAX computes, if it is not the processor."""
-    config: Any = jax.config  # JAX's types do not know its settings
+    """The device on which JAX computes; None if it is the CPU."""
+    config: Any = jax.config  # JAX's type hints lack its settings
     return None if on_cpu() else config.jax_default_device or jax.devices()[0]
 
 
 def is_wide() -> bool:
-    """Whether arrays made in this thread now have double precision."""
+    """Whether arrays created in this thread now have double precision."""
     return bool(jnp.result_type(float) == jnp.float64)
 
 
 def cache_folder() -> Path:
-    """Where this user's caches of ftbias belong: in ``$XDG_CACHE_HOME``, or in ``~/.cache``."""
+    """Folder of this user's ftbias caches, in ``$XDG_CACHE_HOME`` or in ``~/.cache``."""
     stated = Path(os.environ.get("XDG_CACHE_HOME", ""))
     home = Path(os.path.expanduser("~"))  # unlike Path.home() this cannot fail
     return (stated if stated.is_absolute() else home / ".cache") / "ftbias"

@@ -1,9 +1,9 @@
-"""Programs that stay compiled between processes, and need not even be traced again.
+"""Persistent cache of compiled programs that avoids both compiling and tracing in later processes.
 
-JAX keeps what XLA compiled, under a name that is known only after the program was traced and lowered. That takes a
-second for a long program, in every process. Here the name is made of what a program depends on: the function, shapes
-and precision of its arguments, the sources of this package, versions and processor. So a program that was ever compiled
-is loaded and called.
+JAX caches what XLA has compiled, but under a key that is known only after the program has been traced and lowered. That
+takes a second for a long program, in every process. Here the key is made of what a program depends on: the function,
+shapes and precision of its arguments, the sources of this package, versions and processor. A program that was compiled
+before is therefore loaded and called directly.
 """
 
 import ctypes
@@ -31,21 +31,21 @@ from ftbias_jax.runtime.compiled_loops import on_cpu
 from ftbias_jax.runtime.jax_config import is_plain, is_wide
 
 FEW_CALLS, MANY_CALLS = 0, 1
-"""Level at which LLVM optimises. Programs of level 0 are compiled in less than half of the time, and run four times as
-long; those of level 1 run as long as those of higher levels."""
+"""LLVM optimisation levels. Programs of level 0 compile in less than half the time but take four times as long to run;
+those of level 1 run as fast as those of higher levels."""
 SHORT = 1 << 15
-"""Samples for which compiling a fast program takes longer than what it saves in a few calls."""
+"""Number of samples up to which compiling a fast program takes longer than what it saves in a few calls."""
 OLDER_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
-"""They make equally fast programs of some hundred small kernels in two thirds of the time."""
+"""XLA options: older emitters make equally fast programs of some hundred small kernels in two thirds of the time."""
 LAPACK = b"lapack_"
-"""In a program that calls LAPACK, which a process that only reads it has not loaded: the call would end the process."""
+"""Marks a program that calls LAPACK; it is not kept, because a process that only reads it would end at the call."""
 _level: ContextVar[int] = ContextVar("_level", default=MANY_CALLS)
 ADDRESS = " at 0x"
-"""In the words for an object that nothing but its place in memory tells from others: such a program is not kept."""
+"""Marks the description of an object that only its memory address identifies; such a program is not kept."""
 
 
 class KeptProgram:
-    """A function of arrays that is compiled once for all processes; inside another program it is a part of that one."""
+    """A function of arrays, compiled once for all processes; called within another program, it becomes a part of it."""
 
     def __init__(self, function: Callable[..., Any], static: tuple[str, ...]) -> None:
         update_wrapper(self, function)
@@ -55,14 +55,14 @@ class KeptProgram:
         self._lock = Lock()
 
     def __call__(self, *arguments: Any, **static: Any) -> Any:
-        """What the function returns."""
+        """Call the kept program; within another program, trace the function."""
         leaves, tree = jax.tree.flatten(arguments)
         if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
             return self._function(*arguments, **static)
         return self._program(leaves, tree, static)(*arguments)
 
     def prepare(self, *arguments: Any, **static: Any) -> Callable[..., Any]:
-        """The program for arguments of such shapes, loaded or compiled: it is called without those in ``static``."""
+        """Load or compile the program for arguments of these shapes; it is called without the ``static`` ones."""
         return self._program(*jax.tree.flatten(arguments), static)
 
     def _program(self, leaves: list[Any], tree: Any, static: dict[str, Any]) -> Callable[..., Any]:
@@ -73,7 +73,7 @@ class KeptProgram:
             key = fast if fast in self._ready else asked
             mine = key not in self._ready
             ready = self._ready.setdefault(key, Future())
-        if mine:  # who else wants it waits for this thread
+        if mine:  # other threads that need it wait for this one
             try:
                 ready.set_result(self._make(tree, shapes, static, f"{self._name} {key}"))
             except BaseException as error:
@@ -83,7 +83,7 @@ class KeptProgram:
         return ready.result()
 
     def _make(self, tree: Any, shapes: Any, static: dict[str, Any], words: str) -> Callable[..., Any]:
-        """The program from the cache, or compiled and put there."""
+        """Load the program from the cache, or compile it and store it there."""
         path = _path(words)
 
         def compiled() -> Callable[..., Any]:
@@ -92,7 +92,7 @@ class KeptProgram:
             def named(*arguments: Any) -> Any:
                 return self._function(*arguments, **static)
 
-            # JAX's own cache knows it by this name: of what it has loaded from there no copy can be made.
+            # The name is part of the key of JAX's own cache; a program loaded from there cannot be serialised again.
             named.__name__ = named.__qualname__ = path.stem if path else self._name
             program: Callable[..., Any] = _compile(jax.jit(named).lower(*outline))
             if path is not None:
@@ -100,7 +100,7 @@ class KeptProgram:
             return program
 
         if path is not None and _is_own(path.parent):
-            with suppress(Exception):  # a file of a cache may be anything: then it is made again
+            with suppress(Exception):  # a cached file may be invalid; the program is compiled again then
                 kept: Callable[..., Any] = deserialize_and_load(*pickle.loads(_content(path)))
                 _return_memory()
                 return _tried(kept, compiled)
@@ -108,18 +108,18 @@ class KeptProgram:
 
 
 def _compile(lowered: Any) -> Any:
-    """A program of what was traced."""
+    """Compile a lowered function."""
     try:
         chosen = {**OLDER_EMITTERS, "xla_backend_optimization_level": _level.get()} if on_cpu() else None
         return lowered.compile(compiler_options=chosen)
-    except jax.errors.JaxRuntimeError:  # a version of XLA that does not know the options
+    except jax.errors.JaxRuntimeError:  # this version of XLA does not know the options
         return lowered.compile()
     finally:
         _return_memory()
 
 
 def _tried(kept: Callable[..., Any], compiled: Callable[[], Callable[..., Any]]) -> Callable[..., Any]:
-    """A program that was read, until it fails: that some of its functions are missing shows when it is called."""
+    """The loaded program, or a compiled one if its first call fails: missing functions show only when it is called."""
     chosen: list[Callable[..., Any]] = []
 
     def program(*arguments: Any) -> Any:
@@ -138,9 +138,9 @@ def _tried(kept: Callable[..., Any], compiled: Callable[[], Callable[..., Any]])
 
 @contextmanager
 def compiled_for_few_calls(samples: int = 0) -> Iterator[None]:
-    """What is compiled in the block, and in threads that it starts, need not be fast: waiting for it takes longer.
+    """Compile quickly instead of for speed, in the block and in threads that it starts.
 
-    Where it works on SHORT ``samples`` or fewer; more than these take longer than what compiling saves.
+    This applies to SHORT ``samples`` or fewer; with more of them, slow programs lose more time than compiling saves.
     """
     before = _level.set(FEW_CALLS if samples <= SHORT else _level.get())
     try:
@@ -150,27 +150,27 @@ def compiled_for_few_calls(samples: int = 0) -> Iterator[None]:
 
 
 def shapes_of(leaves: list[Any]) -> tuple[tuple[tuple[int, ...], np.dtype], ...]:
-    """Shape and precision of arrays or numbers, by which programs differ."""
+    """Shape and precision of each array or number, which are part of a program's key."""
     return tuple((np.shape(leaf), np.dtype(getattr(leaf, "dtype", type(leaf)))) for leaf in leaves)
 
 
 def keep_program(*static: str) -> Callable[[Callable[..., Any]], KeptProgram]:
-    """Make a function of trees of arrays a program that is kept.
+    """Decorator that keeps the compiled programs of a function of pytrees of arrays.
 
-    The arguments of the ``static`` names are part of the program, and given by name.
+    The arguments named in ``static`` are part of the program and must be passed by keyword.
     """
     return lambda function: KeptProgram(function, static)
 
 
 def _return_memory() -> None:
-    """Give back what compiling or loading a program took and needs no more: some 100 MB, which the C library keeps."""
+    """Return memory that compiling or loading no longer needs to the system: some 100 MB, which the C library keeps."""
     with suppress(Exception):  # only glibc has it
         ctypes.CDLL(None).malloc_trim(0)
 
 
 def _keep(path: Path, compiled: Any) -> None:
-    """Write a program."""
-    with suppress(Exception):  # a full disk, or a program that cannot be kept
+    """Write a program to the cache."""
+    with suppress(Exception):  # a full disk, or a program that cannot be serialised
         content = path.stem.encode() + pickle.dumps(serialize(compiled))
         if LAPACK in content:
             return
@@ -179,10 +179,10 @@ def _keep(path: Path, compiled: Any) -> None:
 
 
 def _content(path: Path) -> bytes:
-    """The program in a file, which is one, and that of its name.
+    """Read the serialised program of a file.
 
     Raises:
-        OSError, ValueError: it is not.
+        OSError, ValueError: the file cannot be read, is no plain file of a sensible size, or holds another program.
     """
     with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
         if not is_plain(os.fstat(file.fileno())):
@@ -195,8 +195,8 @@ def _content(path: Path) -> bytes:
 
 
 def _path(words: str) -> Path | None:
-    """Where a program is kept, by words for what it depends on beside package, versions, processor; None = nowhere."""
-    config: Any = jax.config  # JAX's types do not know its settings
+    """Path of a program, from ``words`` for what it depends on besides package, versions and processor, or None."""
+    config: Any = jax.config  # JAX's type hints lack its settings
     folder = config.jax_compilation_cache_dir
     if not folder or not config.jax_enable_compilation_cache or ADDRESS in words or not on_cpu():
         return None
@@ -205,9 +205,9 @@ def _path(words: str) -> Path | None:
 
 
 def _is_own(folder: Path) -> bool:
-    """Whether a folder of programs is this user's, and nobody else can write there.
+    """Whether a folder of programs belongs to this user, and nobody else can write there.
 
-    Loading a program is running it (and its shapes are a pickle): what others may have put there is not read.
+    Loading a program means running it (and its shapes are a pickle), so files that others can write are not read.
     """
     try:
         state = folder.stat()
@@ -230,7 +230,7 @@ def _surroundings() -> str:
 
 
 def _processor() -> str:
-    """What the processor can do, where the system tells it: compiled code makes use of all of it."""
+    """Features of the processor, where the system lists them, because compiled code makes use of all of them."""
     with suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         return " ".join(sorted({line for line in lines if line.startswith(("flags", "Features", "model name"))}))

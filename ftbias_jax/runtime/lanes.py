@@ -1,7 +1,7 @@
-"""Small matrices and vectors as nested lists of entries, each an array over a batch, for the fast routes.
+"""Small matrices and vectors as nested lists of entries, each an array over a batch, for the fast implementations.
 
-XLA turns each entry into one vectorised loop over the batch; a batch of 3 x 3 arrays would become many short ones.
-An entry that is 0 or 1 whatever the batch may be that integer: it costs no operation, where XLA would multiply by it.
+XLA turns each entry into one vectorised loop over the batch; a batch of 3 x 3 arrays would become many short loops. An
+entry that is 0 or 1 for the whole batch may be that integer: it then costs no operation, whereas XLA would multiply.
 """
 
 from collections.abc import Callable, Sequence
@@ -97,16 +97,16 @@ def upper(P: Rows) -> Vector:
 
 
 def from_upper(k: int, entries: Vector) -> Rows:
-    """The symmetric k x k matrix with that upper triangle."""
+    """The symmetric k x k matrix with the given upper triangle, row by row."""
     rest = iter(entries)
     return symmetric(k, lambda a, b: next(rest))
 
 
 def joseph(P: Rows, gain: Vector, j: int, r: Array, weight: Array) -> Rows:
-    """(I - K c) P (I - K c)^T + K r K^T for c = e_j and weight 1 / s, symmetric to the last bit.
+    """Joseph update (I - K c) P (I - K c)^T + K r K^T for c = e_j and weight 1 / s, symmetric to the last bit.
 
-    With K = P e_j / s its row j is P_j r / s, without cancellation. Elsewhere Joseph's terms (P_aj - K_a P_jj) K_b and
-    K_a r K_b are equal and cancel, and P_ab - K_a P_jb is left.
+    With K = P e_j / s, row j is P_j r / s, without cancellation. Elsewhere Joseph's terms (P_aj - K_a P_jj) K_b and
+    K_a r K_b are equal and cancel, which leaves P_ab - K_a P_jb.
     """
     rest = jnp.where(weight > 0, r * weight, 1)
 

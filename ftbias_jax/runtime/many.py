@@ -1,4 +1,4 @@
-"""Many tasks in one call, done here or by the workers of an executor: their results in order, or why there is none."""
+"""Many tasks in one call, in this process or on an executor: their results in order, or the error of each failure."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
@@ -21,9 +21,9 @@ def do_each(
     executor: Executor | None,
     told: Callable[[Result | None], object] = lambda result: None,
 ) -> list[Result | None]:
-    """Results of work (``run_with``) in the order of the tasks; None = the workers of a task were lost again and again.
+    """Results of ``work`` (``run_with``) in the order of the tasks; None = a task's workers were lost repeatedly.
 
-    Tasks are taken one at a time, by the executor's workers or this thread; ``told`` gets each result as it gets ready.
+    Tasks are taken one at a time, by the executor's workers or this thread; ``told`` receives each result when ready.
     """
     found: dict[int, Result | None] = {}
     numbered = enumerate(tasks)
@@ -36,12 +36,12 @@ def do_each(
 
 @dataclass(frozen=True, eq=False)
 class Results(Sequence[Result | None]):
-    """A sequence of results in the order of the logs; None = a log has none, and ``errors`` says why."""
+    """Sequence of results in the order of the logs; None = the log has no result, and ``errors`` states why."""
 
     results: tuple[Result | None, ...]
-    """One for each log."""
+    """One result per log; None = the log has none."""
     errors: Mapping[int, FtbiasError]
-    """Position of a log -> why it has no result, with file, field, value and remedy."""
+    """Index of a log without a result -> its error, with file, field, value and remedy."""
 
     @overload
     def __getitem__(self, index: int) -> Result | None: ...
@@ -58,7 +58,7 @@ class Results(Sequence[Result | None]):
         return "\n".join([*words, *self.failed()])
 
     def failed(self) -> list[str]:
-        """A line for every log without a result."""
+        """One line for every log without a result."""
         return [f"log {i} has no result: {error}" for i, error in self.errors.items()]
 
 
@@ -69,9 +69,9 @@ def results_of(
     told: Callable[[Result | FtbiasError | None], object] = lambda result: None,
     sets: Callable[[Iterable[Task]], Iterable[Result | FtbiasError]] | None = None,
 ) -> Results[Result]:
-    """The result of every log, or path of one, by itself, or why it has none; otherwise as ``do_each``.
+    """Process every log, or path of a log, separately and return its result or error; otherwise as ``do_each``.
 
-    Where there is ``sets``, it works on as many at a time as it likes, and ``work`` and the executor are not used.
+    If ``sets`` is given, it processes the logs in groups of its own choice; ``work`` and the executor are not used.
 
     Raises:
         UsageError: there is no log.
@@ -105,10 +105,10 @@ def _or_error(work: Callable[[Task], Result], log: Task) -> Result | FtbiasError
 
 
 def do_all(work: Callable[[Task], Result], tasks: Iterable[Task], executor: Executor | None) -> list[Result]:
-    """The same where an answer needs all results.
+    """Results of ``work`` in the order of the tasks, where all results are required.
 
     Raises:
-        UsageError: the workers of one were lost again and again.
+        UsageError: the workers of a task were lost repeatedly.
     """
     found = do_each(work, tasks, executor)
     if executor is not None and any(result is None for result in found):

@@ -9,13 +9,13 @@ from types import TracebackType
 from typing import TextIO
 
 QUIET = 2.0
-"""s that a task takes before anything is shown."""
+"""s before anything is shown; a shorter task shows nothing."""
 OFTEN, SELDOM = 0.2, 10.0
-"""s from one message to the next, on a terminal and elsewhere."""
+"""s between messages, on a terminal and elsewhere."""
 
 
 class Progress:
-    """Call it with the amount done, of a ``total``; nothing is shown for tasks shorter than two seconds."""
+    """Progress display, called with the amount done out of ``total``; tasks shorter than two seconds show nothing."""
 
     def __init__(self, label: str, total: float, stream: TextIO | None = None) -> None:
         self._label, self._total, self._stream = label, total or 1, stream if stream is not None else sys.stderr
@@ -45,9 +45,9 @@ class Progress:
 
 
 class Stages:
-    """What a task is at whose steps take as long as they take: call it with the name of each stage as it begins.
+    """Display of the current stage of a task of unknown duration, called with the name of each stage as it begins.
 
-    Shown by a thread of its own, for a stage may be in compiled code. On a terminal the line is gone at the end.
+    It is written by a separate thread, because a stage may be in compiled code, and is erased at the end on a terminal.
     """
 
     def __init__(self, label: str, stream: TextIO | None = None) -> None:
@@ -67,7 +67,7 @@ class Stages:
         self._thread.join()
 
     def __call__(self, stage: str) -> None:
-        """Tell that a stage begins."""
+        """Report that a stage begins."""
         self._stage = stage
 
     def _show(self) -> None:
@@ -91,4 +91,4 @@ class Stages:
 
 
 def silent(stage: str) -> None:
-    """Tell nobody that a stage begins."""
+    """Callback for stages that shows nothing."""

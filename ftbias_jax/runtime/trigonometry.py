@@ -1,4 +1,4 @@
-"""Sine and versine in vector instructions: XLA calls the scalar function of the C library for every sine instead.
+"""Sine and versine in vector instructions, whereas XLA calls the scalar function of the C library for every sine.
 
 Both follow from half the angle h = x / 2, reduced to r = h - k pi / 2 within 45 degrees (Cody and Waite 1980), by the
 polynomials of fdlibm. A half turn of h changes neither 2 sin h cos h nor 2 sin^2 h, so only the parity of k matters.
@@ -15,7 +15,7 @@ HALF_PI = {
     "float64": (1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21),
     "float32": (1.5703125, 4.837512969970703125e-4, 7.54978995489188216e-8),
 }
-"""In parts whose first ones are short: k times them is exact for angles up to 3e6 rad, in float32 2e5 rad."""
+"""pi / 2 in parts, of which the first ones are short: k times them is exact up to 3e6 rad, in float32 up to 2e5 rad."""
 SINE = (
     1.58969099521155010221e-10,
     -2.50507602534068634195e-08,
@@ -24,7 +24,7 @@ SINE = (
     8.33333333332248946124e-03,
     -1.66666666666666324348e-01,
 )
-"""(sin r - r) / r^3 in powers of r^2, the highest first."""
+"""Coefficients of (sin r - r) / r^3 in powers of r^2, the highest first."""
 COSINE = (
     -1.13596475577881948265e-11,
     2.08757232129817482790e-09,
@@ -33,7 +33,7 @@ COSINE = (
     -1.38888888888741095749e-03,
     4.16666666666666019037e-02,
 )
-"""(cos r - 1 + r^2 / 2) / r^4, likewise."""
+"""Coefficients of (cos r - 1 + r^2 / 2) / r^4 in powers of r^2, the highest first."""
 
 
 @jax.custom_jvp
@@ -58,5 +58,5 @@ def _slopes(primals: tuple[Array], tangents: tuple[Array]) -> tuple[tuple[Array,
 
 
 def _polynomial(coefficients: Sequence[float], x: Array) -> Array:
-    """By Horner's scheme."""
+    """Evaluate a polynomial, highest power first, by Horner's scheme."""
     return reduce(lambda sum_, coefficient: sum_ * x + coefficient, coefficients[1:], jnp.full_like(x, coefficients[0]))

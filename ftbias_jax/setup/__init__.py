@@ -1,4 +1,4 @@
-"""Reading and writing setups: what the robot's owner believes, in TOML."""
+"""Reading and writing setups: TOML files in which a robot's owner states robot, sensor, tool and noise."""
 
 import os
 from collections.abc import Sequence
@@ -30,12 +30,12 @@ def load_setup(
 
     Args:
         path: of the TOML file.
-        effects: ``Effect`` objects of your own that it may state as [effects.NAME].
+        effects: ``Effect`` objects of your own that the file may state as [effects.NAME].
         with_tool: refuse a setup that does not state the tool's mass and centre of mass.
         allow_outside: let [log.files] name files that are not in the log's folder, and addresses.
 
     Raises:
-        SetupError: the file cannot be read, is not TOML, or says something impossible (see ``parse_setup``).
+        SetupError: the file cannot be read, is not TOML, or states something impossible (see ``parse_setup``).
     """
     file = os.fspath(path)
     source, mapping = read_toml(file, "give the path of a setup.toml", "give a setup.toml, not a log")
@@ -45,10 +45,10 @@ def load_setup(
 
 
 def as_setup(setup: object, effects: Sequence[Any] = ()) -> Setup:
-    """What a verb is given for a setup, read if it is a path, and with further effects.
+    """Return the setup that a verb is given, read from its file if it is a path, with further effects.
 
     Raises:
-        UsageError: it is neither. SetupError: as of ``load_setup``.
+        UsageError: it is neither a setup nor a path. SetupError: as for ``load_setup``.
     """
     if isinstance(setup, str | os.PathLike):
         return load_setup(setup, effects)

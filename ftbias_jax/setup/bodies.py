@@ -1,4 +1,4 @@
-"""Rigid bodies in a common frame, and several of them as one."""
+"""Rigid bodies, and their combination in a common frame."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ class RigidBody(NamedTuple):
     """(3, 3) kg m^2 about the centre of mass, axes of the frame."""
 
     def seen_from(self, rotation: Array, position: Array) -> RigidBody:
-        """The body in a frame that is at ``position`` (3,) m, its axes the columns of ``rotation`` (3, 3)."""
+        """Express the body in a frame at ``position`` (3,) m whose axes are the columns of ``rotation`` (3, 3)."""
         return RigidBody(self.mass, rotation.T @ (self.center - position), rotation.T @ self.inertia @ rotation)
 
     def as_tool(self) -> ToolSetup:
-        """The body as a setup states it, if the frame is the sensor's."""
+        """Return the body as the tool of a setup, if its frame is the sensor's."""
         return ToolSetup(float(self.mass), read_only(self.center), read_only(self.inertia[np.triu_indices(3)]))
 
 
 def joined(one: RigidBody, other: RigidBody, sign: float = 1.0) -> RigidBody:
-    """Two bodies as one, or with the sign -1 what is left of one without the other (parallel axis theorem)."""
+    """Combine two bodies into one; with the sign -1, subtract the other from the one (parallel axis theorem)."""
     mass = one.mass + sign * other.mass
     center = (one.mass * one.center + sign * other.mass * other.center) / mass
     inertia = np.zeros((3, 3))

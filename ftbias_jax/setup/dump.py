@@ -1,6 +1,6 @@
-"""A setup as TOML text, as the table of keys orders it, with the units as comments.
+"""A setup as TOML text, in the order of the table of keys, with the units as comments.
 
-It is a setup that is known, or one for a person to finish: what is known of it, and what to measure.
+The text is that of a complete setup, or of a template to be completed: known values, and what is left to measure.
 """
 
 import json
@@ -19,28 +19,28 @@ from ftbias_jax.types import Array
 
 MEASURE = "measure me"
 TO_MEASURE = ("sensor.translation", "sensor.rotation_rpy", "sensor.noise_std", "tool.mass", "tool.center_of_mass")
-"""Keys that a prediction of the wrench needs, and that only the owner knows."""
+"""Keys that a prediction of the wrench needs, and that only the robot's owner can supply."""
 ALWAYS = ("robot", "sensor", "tool", "bias", "joints")
-"""Sections that are written whether anything of them is known or not."""
+"""Sections that are written even if nothing of them is known."""
 
 
 class Line(NamedTuple):
-    """One line of a setup, or the head of a section that has none."""
+    """One line of a setup, or the header of a section without lines."""
 
     section: str
-    """With its brackets."""
+    """Name of the section, with its brackets."""
     key: str
     value: Any
     unit: str = ""
-    """Where it differs from that of the table of keys."""
+    """Unit, where it differs from that in the table of keys."""
 
     @property
     def full_key(self) -> str:
-        """Such as ``tool.mass``."""
+        """Dotted key, such as ``tool.mass``."""
         return f"{self.section.strip('[]')}.{self.key}"
 
     def comment(self, remark: str = "") -> str:
-        """The unit, and what else there is to say."""
+        """Comment behind the value: the unit, and a remark."""
         known = key_of(self.full_key)
         return "; ".join(part for part in (self.unit or (known.unit if known else ""), remark) if part)
 
@@ -48,8 +48,8 @@ class Line(NamedTuple):
 def dump_setup(setup: Setup) -> str:
     """TOML text that ``parse_setup`` reads back, with ``setup.comments`` on the lines of their keys.
 
-    Numbers come back to the last bit, except screws and rotations that go through axis, point and angles: those come
-    back to round-off.
+    Numbers are restored to the last bit, except screws and rotations, which are written as axis, point and angles:
+    those are restored to round-off.
     """
     return text_of(lines_of(setup), setup.comments)
 
@@ -66,14 +66,14 @@ def text_of(lines: Iterable[Line], comments: Mapping[str, str]) -> str:
 
 
 def lines_of(setup: Setup) -> list[Line]:
-    """What a setup says, line by line."""
+    """All lines of a setup."""
     return [*_robot(setup.robot), *_sections(setup), *_effects(setup)]
 
 
 def _robot(robot: RobotSetup) -> Iterable[Line]:
     if robot.name is not None:
         yield Line("[robot]", "name", robot.name)
-    # The model's name says it all, unless a screw was corrected: such a copy must write its screws.
+    # The model's name defines the arm, unless a screw was corrected: such a copy must write its screws.
     is_built_in = robot.model in BUILT_IN and same_screws(robot, built_in_robot(robot.model))
     if is_built_in:
         yield Line("[robot]", "model", robot.model)
@@ -104,7 +104,7 @@ def _sections(setup: Setup) -> Iterable[Line]:
     sensor, tool, joints, pose, log = setup.sensor, setup.tool, setup.joints, setup.pose, setup.log
     yield from _section("sensor", sensor, rotation_rpy=_angles(sensor), rezeroed_at=sensor.rezeroed_at or None)
     if pose is not None:
-        apart = {"frame": pose.frame or None, "base": pose.base or None, "position_noise_std": None}  # as of [joints]
+        apart = {"frame": pose.frame or None, "base": pose.base or None, "position_noise_std": None}  # in [joints]
         apart |= {} if pose.linear == "none" else {"acceleration_std": None}
         yield from _section("sensor_pose", pose, imu_rotation_rpy=rpy_from_rotation(pose.imu_rotation), **apart)
     yield from _section("tool", tool, **dict.fromkeys(tool.unknown))
@@ -122,7 +122,7 @@ def _sections(setup: Setup) -> Iterable[Line]:
 
 
 def _section(name: str, fields: object, **apart: Any) -> Iterable[Line]:
-    """The keys of a section that ``fields`` has as attributes, but for quiet defaults; ``apart``: other values."""
+    """Yield the keys that ``fields`` has as attributes, without quiet defaults; ``apart`` overrides values."""
     for key, spec in SECTIONS[name].keys.items():
         value = apart[key] if key in apart else getattr(fields, key, None)
         if value is not None and not (spec.quiet and np.array_equal(value, spec.default)):
@@ -130,7 +130,7 @@ def _section(name: str, fields: object, **apart: Any) -> Iterable[Line]:
 
 
 def _angles(sensor: SensorSetup) -> Array:
-    """The sensor's rotation as it was written, if nothing has turned it since."""
+    """The sensor's roll, pitch and yaw: as they were written if they still hold, else from the rotation matrix."""
     written = sensor.rotation_rpy
     if written is not None and np.array_equal(rotation_from_rpy(written), sensor.rotation):
         return written
@@ -162,7 +162,7 @@ def toml_line(key: str, value: Any, comment: str = "") -> str:
 
 
 def toml_comment(words: str) -> str:
-    """A comment behind a value; nothing if there are no words."""
+    """Comment behind a value; empty if there are no words."""
     printable = "".join(c if c.isprintable() else " " for c in words)  # TOML forbids control characters here
     return f"  # {printable}" if printable else ""
 
@@ -191,22 +191,22 @@ def toml_value(value: Any) -> str:
 
 
 def _string(text: str) -> str:
-    # JSON's escapes are TOML's, but for DEL, which JSON leaves bare.
+    # JSON and TOML have the same escapes, except for DEL, which JSON leaves unescaped.
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 class Known(NamedTuple):
-    """The value of one key, and where it is from."""
+    """The value of one key, and its source."""
 
     value: Any
-    """None = it is left to choose: a comment says of what."""
+    """None = still to be chosen; the comment states the choices."""
     remark: str = ""
 
 
 def write_template(known: Mapping[str, Known], about: str = "") -> str:
-    """The text of a setup: what is known of full keys such as ``sensor.noise_std``, below lines on what it is about.
+    """Text of a setup template: known values by full key, such as ``sensor.noise_std``, below introductory lines.
 
-    The other keys of the sections become comments; those of TO_MEASURE say so.
+    The other keys of the sections become comments; those of TO_MEASURE are marked as such.
     """
     parts = ["".join(f"#{toml_comment(line)[3:]}\n" if line else "#\n" for line in about.splitlines())]
     for name in SECTIONS:
@@ -218,7 +218,7 @@ def write_template(known: Mapping[str, Known], about: str = "") -> str:
 
 def _template_section(name: str, known: Mapping[str, Known], everything: Mapping[str, Known]) -> str:
     section = SECTIONS[name]
-    # Of the robot, only gravity goes with a recorded pose.
+    # With a recorded pose, [robot] has only gravity.
     elsewhere = name == "robot" and "sensor_pose.orientation" in everything
     lines = [f"[{name}]  # {section.about}"]
     for key, spec in section.keys.items():

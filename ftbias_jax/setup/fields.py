@@ -14,7 +14,7 @@ from ftbias_jax.types import Array
 
 
 class Section(NamedTuple):
-    """One TOML table and where it stands."""
+    """One TOML table, its name and its file."""
 
     values: Mapping[str, Any]
     name: str
@@ -34,19 +34,19 @@ Bounds = tuple[float, float]
 ANY: Bounds = (-np.inf, -np.inf)
 MAX_TOML = 1 << 20  # a setup is a page of text; anything larger is another kind of file
 MOST_PARTS = 32
-"""Of a dotted key: the parser's memory grows with their square."""
-LARGEST = 1e30  # in size: far above every quantity of a setup, and squares of it are still finite
+"""Maximum number of parts of a dotted key, because the parser's memory grows with their square."""
+LARGEST = 1e30  # absolute value, far above every quantity of a setup, whose square is still finite
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Remedy for a name that is not known: the nearest known one, or all of them."""
+    """Remedy for an unknown name: the closest known one, or all of them."""
     choices = {_plain(choice): choice for choice in sorted(known)}
     close = difflib.get_close_matches(_plain(name), choices, n=1)
     return f"did you mean {choices[close[0]]!r}?" if close else f"known: {', '.join(choices.values())}"
 
 
 def _plain(name: str) -> str:
-    """A name without what people write differently: case, hyphens, blanks."""
+    """Strip a name of what people write differently: case, hyphens, blanks."""
     return re.sub(r"[\W_]", "", name.lower())
 
 
@@ -57,7 +57,7 @@ def show(value: object, length: int = 60) -> str:
 
 
 def check_keys(section: Section, known: Collection[str]) -> Section:
-    """The section itself, if all its keys are known."""
+    """Return the section if all its keys are known; raise an error otherwise."""
     for key in section.values:
         if key not in known:
             raise section.error(key, "unknown key", nearest(key, known))
@@ -65,10 +65,10 @@ def check_keys(section: Section, known: Collection[str]) -> Section:
 
 
 def read_file(file: str, most: int, remedy: str, instead: str) -> bytes:
-    """The content of a file of at most ``most`` bytes.
+    """Return the content of a file of at most ``most`` bytes.
 
     Raises:
-        SetupError: it cannot be read, with the ``remedy``, or is larger, with what to do ``instead``.
+        SetupError: it cannot be read (with ``remedy``), or is larger (with ``instead`` as the remedy).
     """
     try:
         if kind := no_regular_file(file):
@@ -85,10 +85,10 @@ def read_file(file: str, most: int, remedy: str, instead: str) -> bytes:
 
 
 def read_toml(file: str, remedy: str, instead: str) -> tuple[str, dict[str, Any]]:
-    """The text of a TOML file and its tables.
+    """Return the text of a TOML file and its tables.
 
     Raises:
-        SetupError: as of ``read_file``, or it is not TOML.
+        SetupError: as for ``read_file``, or it is not TOML.
     """
     content = read_file(file, MAX_TOML, remedy, instead)
     try:
@@ -101,33 +101,33 @@ def read_toml(file: str, remedy: str, instead: str) -> tuple[str, dict[str, Any]
 
 
 def _longest_key(text: str) -> int:
-    """Parts of the longest dotted key, or of what may be one; comments left out."""
+    """Number of parts of the longest dotted key, or of what may be one; comments are ignored."""
     lines = (line.partition("#")[0] for line in text.splitlines())
     return max((piece.count(".") + 1 for line in lines for piece in re.split(r"[=,\[\]{}]", line)), default=0)
 
 
 def refuse(section: Section, keys: Iterable[str], why: str, remedy: str = "remove one of the two") -> None:
-    """Refuse keys that do not go with others that are there."""
+    """Raise an error if one of these keys is present; ``why`` states what excludes it."""
     for key in keys:
         if key in section.values:
             raise section.error(key, why, remedy)
 
 
 def read_only(array: Array) -> Array:
-    """The array itself, of which no entry can be set any more."""
+    """Make an array read-only and return it."""
     array.setflags(write=False)
     return array
 
 
 def subsection(parent: Section, key: str, known: Collection[str], *, required: bool = False) -> Section:
-    """The table at a key with only known keys; an absent optional one is empty."""
+    """Return the table at a key, all of whose keys must be known; an absent optional one is empty."""
     if required and key not in parent.values:
         raise parent.error(key, "missing section", f"add [{parent.path(key)}]")
     return check_keys(table(parent, key), known)
 
 
 def table(parent: Section, key: str) -> Section:
-    """The table at a key, with any keys; empty if absent."""
+    """Return the table at a key, with any keys; empty if absent."""
     values = parent.values.get(key, {})
     if not isinstance(values, Mapping):
         raise parent.error(key, f"expected a table, got {show(values)}", f"write it as [{parent.path(key)}]")
@@ -135,14 +135,14 @@ def table(parent: Section, key: str) -> Section:
 
 
 def require(section: Section, key: str, remedy: str) -> Any:
-    """The value at a key that must be there."""
+    """Return the value at a required key."""
     if key not in section.values:
         raise section.error(key, "missing key", remedy)
     return section.values[key]
 
 
 def text(section: Section, key: str, default: str, choices: Collection[str] = ()) -> str:
-    """A string, one of the choices if there are any."""
+    """Return a string, which is one of the choices if there are any."""
     value = section.values.get(key, default)
     if not isinstance(value, str):
         raise section.error(key, f"expected a string, got {show(value)}", 'write it as "..."')
@@ -152,7 +152,7 @@ def text(section: Section, key: str, default: str, choices: Collection[str] = ()
 
 
 def names(section: Section, key: str, size: int) -> tuple[str, ...]:
-    """A list of ``size`` different strings that must be there."""
+    """Return a required list of ``size`` different strings."""
     value = require(section, key, f"give {size} names")
     if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
         raise section.error(key, f"expected a list of strings, got {show(value)}", f"give {size} names")
@@ -165,7 +165,7 @@ def names(section: Section, key: str, size: int) -> tuple[str, ...]:
 
 
 def rows(section: Section, key: str, size: int) -> list[list[Any]]:
-    """A list of rows of ``size`` entries, or one more, that must be there."""
+    """Return a required list of rows of ``size`` entries, or one more."""
     remedy = f"give rows of {size} numbers"
     value = require(section, key, remedy)
     if not isinstance(value, list) or not value or not all(isinstance(row, list) for row in value):
@@ -179,14 +179,14 @@ def rows(section: Section, key: str, size: int) -> list[list[Any]]:
 def vector(
     section: Section, key: str, size: int, default: Array | None = None, *, within: Bounds = ANY, expand: bool = False
 ) -> Array:
-    """Numbers as a read-only (size,) float64 array.
+    """Return numbers as a read-only (size,) float64 array.
 
     Args:
-        section: where the value is.
-        key: where the value is.
+        section: the table with the value.
+        key: the key of the value.
         size: of the result.
         default: the value if the key is absent; None = required.
-        within: what no number may be below, and what every number must be greater than.
+        within: inclusive lower bound, and exclusive lower bound, of every number.
         expand: one number stands for all; of six, two stand for three forces and three torques.
     """
     sizes = sizes_of(size, expand)
@@ -213,5 +213,5 @@ def vector(
 
 
 def sizes_of(size: int, expand: bool) -> list[int]:
-    """How many numbers may be written for ``size`` of them."""
+    """Counts of numbers that may be written for ``size`` of them."""
     return sorted({size} | ({1} if expand else set()) | ({2} if expand and size == 6 else set()))

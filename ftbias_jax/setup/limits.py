@@ -1,4 +1,4 @@
-"""What [limits] of a setup says about planned motions."""
+"""Reading of [limits], the limits of planned motions."""
 
 import numpy as np
 
@@ -8,10 +8,10 @@ from ftbias_jax.setup.types import LimitsSetup
 
 
 def read_limits(top: Section, joints: int) -> LimitsSetup:
-    """[limits] of a setup with so many joints: lower ends are below upper ones, and an axis has a length.
+    """Read [limits] of a setup with this many joints.
 
     Raises:
-        SetupError: they are not, or a value is of the wrong type or shape.
+        SetupError: a lower end is not below its upper end, an axis has no length, or a type or shape is wrong.
     """
     section = open_section(top, "limits")
     by_joint = [key for key, spec in SECTIONS["limits"].keys.items() if spec.size == PER_JOINT]

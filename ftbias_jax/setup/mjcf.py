@@ -1,7 +1,7 @@
-"""MJCF files, which MuJoCo itself compiles: what a setup takes from them.
+"""Robot and tool of a setup from MJCF files, which MuJoCo itself compiles.
 
-That is the arm up to the sensor's site, as screws, and everything distal of the sensor, as one rigid body: the site's
-own body and what hangs on it. MuJoCo's force sensors are of the same two.
+A setup takes the arm up to the sensor's site, as screws, and everything distal of the sensor, as one rigid body: the
+site's own body and all bodies attached to it. MuJoCo's force sensors act between the same two.
 """
 
 import os
@@ -27,13 +27,13 @@ class Mjcf(NamedTuple):
 
     file: str
     model: Any
-    """``mujoco.MjModel``, without what is only drawn."""
+    """``mujoco.MjModel``, without purely visual geometry."""
     site: int
-    """Of the sensor."""
+    """Number of the sensor's site."""
     base: int
     """Body whose frame is the base frame; 0 = the world."""
     joints: tuple[int, ...]
-    """The arm's, from the base to the sensor."""
+    """Numbers of the arm's joints, from the base to the sensor."""
 
     def error(self, field: str, message: str, remedy: str) -> SetupError:
         """The error to raise about this file."""
@@ -55,7 +55,7 @@ class Mjcf(NamedTuple):
         return data
 
     def distal_bodies(self) -> list[int]:
-        """The site's own body and all that hang on it, parents first."""
+        """The site's own body and all bodies attached to it, parents first."""
         found = [self.body]
         for body in range(self.body + 1, self.model.nbody):
             if int(self.model.body_parentid[body]) in found:
@@ -85,7 +85,7 @@ def load_mjcf(path: str | os.PathLike[str], site: str = "", base: str = "") -> M
         raise SetupError("needs MuJoCo", file=file, remedy="pip install 'ftbias-jax[mujoco]'") from error
     try:
         spec = mujoco.MjSpec.from_file(file)
-        spec.compiler.discardvisual = True  # large meshes that are only drawn take seconds
+        spec.compiler.discardvisual = True  # large visual meshes take seconds
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise SetupError(f"MuJoCo cannot compile it: {error}", file=file, remedy=VIEW) from error
@@ -167,9 +167,9 @@ def mjcf_robot(mjcf: Mjcf, gravity: Array | None = None) -> RobotSetup:
 
 
 def mjcf_tool(mjcf: Mjcf, sensor: SensorSetup | None = None) -> ToolSetup:
-    """Everything distal of the sensor, its moving parts where the file has them, in the frame of the sensor.
+    """Return everything distal of the sensor, in the sensor frame, with moving parts posed as in the file.
 
-    That is the site's, unless the setup places the sensor beside it. Without any mass there the tool is not known.
+    The sensor frame is the site's, unless the setup places it beside it. Without any mass the tool is not known.
     """
     whole = distal_body(mjcf, mjcf.distal_bodies())
     if whole is None:
@@ -178,7 +178,7 @@ def mjcf_tool(mjcf: Mjcf, sensor: SensorSetup | None = None) -> ToolSetup:
 
 
 def distal_body(mjcf: Mjcf, bodies: list[int]) -> RigidBody | None:
-    """Some bodies beyond the sensor as one, frame of the site; None if they have no mass."""
+    """Combine bodies beyond the sensor into one, in the frame of the site; None if they have no mass."""
     model, data, whole = mjcf.model, mjcf.in_reference_pose(), None
     rotation, position = data.site_xmat[mjcf.site].reshape(3, 3), data.site_xpos[mjcf.site]
     for body in bodies:

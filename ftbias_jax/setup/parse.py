@@ -1,8 +1,8 @@
-"""A setup from TOML: tables -> frozen dataclasses. Every key is known, every value checked.
+"""Parsing of a setup: TOML tables -> frozen dataclasses. Unknown keys are refused, and every value is checked.
 
-[data_noise] states Sigma_D, the covariance of the data matrix D with W = D theta. Where the acceleration, the rate and
-the direction of gravity at the sensor are known only so well, the wrench of the tool is predicted only so well:
-R = Sigma_W + B Sigma_D B^T (report, section 3). Its 36 live variances follow from four physical standard deviations
+[data_noise] states Sigma_D, the covariance of the data matrix D with W = D theta. Uncertainty of the acceleration, the
+rate and the direction of gravity at the sensor makes the predicted wrench of the tool uncertain: R = Sigma_W + B
+Sigma_D B^T (report, section 3). Its 36 live variances follow from four physical standard deviations
 (model/wrench/tool_wrench.py), or are stated one by one.
 """
 
@@ -35,7 +35,7 @@ PER_JOINT = ("process_noise_density", "position_noise_std", "velocity_noise_std"
 
 
 def parse_setup(mapping: Mapping[str, Any], file: str = "") -> types.Setup:
-    """A setup from the tables of its TOML text.
+    """Return the setup that is stated by the tables of a TOML text.
 
     Args:
         mapping: what ``tomllib.loads`` returns.
@@ -67,7 +67,7 @@ def parse_setup(mapping: Mapping[str, Any], file: str = "") -> types.Setup:
 
 
 def _pose(top: Section) -> PoseSetup | None:
-    """The section, if it is there."""
+    """[sensor_pose]; None if it is absent."""
     if "sensor_pose" not in top.values:
         return None
     section = open_section(top, "sensor_pose")
@@ -82,7 +82,7 @@ def _pose(top: Section) -> PoseSetup | None:
     orientation, position, turn, slide = (read(section, f"{name}_noise_std") for name in names)
     values = read_all(section, ("imu_rotation_rpy", *(f"{name}_noise_std" for name in names)))
     values |= {key: values[key] or "" for key in ("frame", "base")}
-    # An angle moves the quaternion by half of it.
+    # A small rotation changes the quaternion by half its angle.
     return PoseSetup(
         position_noise_std=_entries(orientation / 2, position, linear),
         velocity_noise_std=_entries(turn / 2, slide, linear),
@@ -96,7 +96,7 @@ def _entries(turn: float, slide: float, linear: str) -> Array:
 
 
 def _scene(robot: Section) -> Mjcf | None:
-    """The MJCF that the setup names."""
+    """The MJCF that the setup names; None if it names none."""
     if "mjcf" not in robot.values:
         return None
     refuse(robot, ("model", "urdf", "tip_link", "dh", "joints", "flange"), "excluded by robot.mjcf")
@@ -104,7 +104,7 @@ def _scene(robot: Section) -> Mjcf | None:
 
 
 def _robot(top: Section, pose: PoseSetup | None, scene: Mjcf | None) -> types.RobotSetup:
-    """[robot]; where a pose is recorded only its gravity, and the entries of the pose take the place of joints."""
+    """[robot]; with a recorded pose it has only gravity, and the entries of the pose take the place of joints."""
     if pose is not None:
         section = subsection(top, "robot", ("gravity",))
         count = 4 if pose.linear == "none" else 7
@@ -137,14 +137,14 @@ def _arm(section: Section, scene: Mjcf | None) -> types.RobotSetup:
 
 
 def _renamed(robot: types.RobotSetup, section: Section) -> types.RobotSetup:
-    """The robot with the names that recordings have for its joints, if the setup states them."""
+    """The robot with the joint names that recordings use, if the setup states them."""
     if "joint_names" not in section.values:
         return robot
     return replace(robot, joint_names=read(section, "joint_names", len(robot.joint_names)))
 
 
 def _path(robot: Section, key: str) -> str:
-    """The file that robot.urdf or robot.mjcf names, from the setup's folder if it is relative; "" = none."""
+    """Path of the file that robot.urdf or robot.mjcf names, relative to the setup's folder; "" = none."""
     name = read(robot, key)
     return os.path.join(os.path.dirname(robot.file), name) if name else ""
 
@@ -241,7 +241,7 @@ def _check_inertia(inertia: Array, section: Section, key: str) -> None:
 
 
 def _joints(top: Section, n: int, pose: PoseSetup | None) -> types.JointSetup:
-    """[joints]: of n of them, or of the entries of a recorded pose, which has defaults of its own."""
+    """[joints] for n joints, or for the entries of a recorded pose, which has its own defaults."""
     section = open_section(top, "joints")
     noise = {key: read(section, key, n, getattr(pose, key, None)) for key in PER_JOINT}
     return types.JointSetup(**noise, **read_all(section, PER_JOINT))
@@ -270,7 +270,7 @@ def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:
     if files and not {"position", "wrench"} <= files.keys():
         raise log.error("files", f"names {', '.join(files)}", "name the files of position and wrench")
     for key, name in files.items():
-        if "\0" in name:  # the system's calls refuse it, each in its own way
+        if "\0" in name:  # system calls refuse it with different errors
             raise sections["files"].error(key, f"has a zero byte in {name!r}", "give the name of a file")
     if files and (others := sorted(tables["time_offsets"].keys() - files.keys())):
         remedy = "state the offset of the file that has them"
@@ -282,7 +282,7 @@ def _log(top: Section, n: int, pose: PoseSetup | None) -> LogSetup:
 
 
 def _column_keys(log: Section, known: Collection[str]) -> tuple[str, ...]:
-    """Keys that [log.columns] may have: any name that is not nearly one of those known."""
+    """Keys that [log.columns] may have: known ones, and any identifier that does not nearly match one of them."""
     given = log.values.get("columns")
     further = (key for key in given if key not in known) if isinstance(given, Mapping) else ()
     return (*known, *(key for key in further if key.isidentifier() and not difflib.get_close_matches(key, known)))

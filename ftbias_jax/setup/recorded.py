@@ -1,4 +1,4 @@
-"""What a setup says of its logs: names, units and axes, and the pose that is recorded where there are no joints."""
+"""How a setup describes its logs: names, units and axes, and the pose that is recorded instead of joints."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -24,31 +24,31 @@ TORQUE_UNITS = {"Nm": 1.0, "Nmm": 1e-3, "Ncm": 1e-2, "lbf-in": 0.112984829027616
 WRENCH_AXES = ("sensor", "base")
 HEADER, RECEIPT = "header", "receipt"
 CLOCKS = (HEADER, RECEIPT)
-"""Whose stamps the messages of a topic have: the publisher's, or the recorder's."""
+"""Clock of a topic's stamps: the publisher's (header), or the recorder's (receipt)."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseSetup:
-    """What is recorded of the sensor's pose, where there are no joints; n = 4, or 7 with a linear motion."""
+    """The recorded pose of the sensor, which replaces joints; n = 4, or 7 with a linear motion."""
 
     orientation: str
     """One of ORIENTATIONS: of the body that the sensor is mounted on, in the base frame."""
     linear: str
-    """One of LINEAR: how the acceleration is known; the specific force is an accelerometer's, at the sensor."""
+    """One of LINEAR: source of the acceleration; the specific force is an accelerometer's, at the sensor."""
     position_noise_std: Array
-    """(n,) of the quaternion's entries and the position, m."""
+    """(n,) standard deviations of the quaternion's entries and of the position, m."""
     velocity_noise_std: Array
-    """(n,) of their rates, where an IMU is recorded."""
+    """(n,) standard deviations of their rates, where an IMU is recorded."""
     acceleration_std: float
-    """m/s^2 that the sensor's acceleration is typically from zero, if linear is "none"; then noise of the wrench."""
+    """m/s^2, typical size of the sensor's acceleration if linear is "none"; it then counts as noise of the wrench."""
     frame: str
-    """Frame of TF that the sensor is mounted on; "" = a topic of PoseStamped."""
+    """TF frame that the sensor is mounted on; "" = a topic of PoseStamped."""
     base: str
-    """Frame of TF that is the base; "" = the root."""
+    """TF frame that is the base; "" = the root."""
     conjugate: bool = False
     """Whether the orientation is recorded the other way round: of the base frame in the body."""
     position_axes: str = "base"
-    """One of POSITION_AXES: in which axes the position is recorded."""
+    """One of POSITION_AXES: axes in which the position is recorded."""
     gyroscope: bool = True
     """Whether a recorded angular velocity is used."""
     imu_rotation: Array = field(default_factory=lambda: np.eye(3))
@@ -58,35 +58,35 @@ class PoseSetup:
 
     @property
     def orientation_columns(self) -> int:
-        """How many columns the orientation has."""
+        """Number of columns of the recorded orientation."""
         return {"matrix": 9, "axis_angle": 3}.get(self.orientation, 4)
 
     def lever(self, translation: Array) -> Array:
-        """(3,) m, body's axes: the sensor, at ``translation``, from the point whose acceleration is known or zero."""
-        # An accelerometer's path is that of the sensor itself.
+        """(3,) m, body's axes: from the point whose acceleration is known or zero to the sensor, at ``translation``."""
+        # The accelerometer measures the sensor's own motion.
         return np.zeros(3) if self.linear == "specific_force" else translation - self.turns_about
 
     @property
     def columns(self) -> tuple[int, int]:
-        """How many columns the recorded pose has, and the recorded rates if there are any."""
+        """Number of columns of the recorded pose, and of the recorded rates."""
         rates = self.gyroscope + (self.linear == "specific_force")
         return self.orientation_columns + 3 * (self.linear == "position"), 3 * rates
 
 
 @dataclass(frozen=True, eq=False)
 class LogSetup:
-    """How to find things in a log that does not use the native names."""
+    """Names, units and clocks of a log that does not use the native ones."""
 
     columns: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
-    """Columns: "time", "temperature" (one name), "position", "velocity", "wrench" (n, n, 6), and what effects see."""
+    """Columns: "time", "temperature" (one name), "position", "velocity", "wrench" (n, n, 6), effects' inputs."""
     topics: Mapping[str, str] = field(default_factory=dict)
-    """Topics of a ROS recording by what they are to the log, where there is more than one to choose from; "topic:field"
-    for a field of another message."""
+    """Topics of a ROS recording by their role in the log, where there is more than one candidate; "topic:field" for a
+    field of another message."""
     clocks: Mapping[str, Any] = field(default_factory=dict)
-    """Whose stamps they have, by the same names, one of CLOCKS; absent = found from the recording. And "wrench_rate",
-    ppm by which the clock of the wrench runs fast."""
+    """Clock of each topic's stamps, by the same names, one of CLOCKS; absent = found from the recording. Also
+    "wrench_rate", ppm by which the clock of the wrench runs fast."""
     files: Mapping[str, str] = field(default_factory=dict)
-    """Names of the files that make up one log, by quantity, with * for what their names share; {} = one file."""
+    """Names of the files that make up one log, by quantity, with * for their common part; {} = one file."""
     time_units: Mapping[str, str] = field(default_factory=dict)
     """Units of the stamps of single files, by the same names."""
     time_offsets: Mapping[str, float] = field(default_factory=dict)
@@ -94,7 +94,7 @@ class LogSetup:
     time_unit: str | None = None
     """One of TIME_UNITS; None = s, or ns if the stamps are integers."""
     rate: float | None = None
-    """Hz, instead of stamps."""
+    """Hz, sampling rate, in place of stamps."""
     angle_unit: str = "rad"
     """One of ANGLE_UNITS: of joints, and of the rates of joints and gyroscope."""
     acceleration_unit: str = "m/s^2"
@@ -104,9 +104,9 @@ class LogSetup:
     torque_unit: str = "Nm"
     """One of TORQUE_UNITS."""
     allow_outside: bool = False
-    """Whether ``files`` may be anywhere; the user's word, which no setup can give."""
+    """Whether ``files`` may be anywhere; only the user can allow it, not a setup file."""
     wrench_axes: str = "sensor"
-    """One of WRENCH_AXES: in which axes the wrench is recorded, about the sensor's origin."""
+    """One of WRENCH_AXES: axes in which the wrench is recorded, about the sensor's origin."""
 
     @property
     def wrench_rate(self) -> float:

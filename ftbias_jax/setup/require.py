@@ -1,4 +1,4 @@
-"""What a command needs of a setup, or of several, that other commands do without."""
+"""Requirements on one setup or several that only some commands have."""
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
@@ -10,25 +10,25 @@ from ftbias_jax.setup.fields import show
 from ftbias_jax.setup.types import COMPENSATED, Setup, ToolSetup
 
 NOT_STATED = "not determined by this motion, not stated"
-"""Said of a parameter that nobody knows."""
+"""Remark on a parameter that is neither determined nor stated."""
 SEEN = 0.3
-"""Of the noise of a sample: a constant error that is larger shows in the mean of many."""
+"""Share of the noise of a sample above which a constant error shows in the mean of many."""
 GUESS = (1.0, (0.0, 0.0, 0.05))
-"""kg and m: a tool to start a search from, where the setup does not state one."""
+"""kg and m; tool from which a search starts, where the setup does not state one."""
 _OWN = {
     "bias": ("initial", "initial_drift", "initial_std", "initial_drift_std"),
     "sensor": ("rotation_rpy", "rezeroed", "rezeroed_at"),
     "robot": ("position_limits", "velocity_limits"),
 }
-"""What may differ between setups of one robot beside the tool: the prior of the bias, how the rotation was written, and
-the same arm's limits."""
+"""Fields that may differ between setups of one robot besides the tool: the prior of the bias, how the rotation was
+written, and the same arm's limits."""
 
 
 def require_tool(setup: Setup) -> Setup:
-    """The setup itself, if it states the tool's mass and centre of mass, or the reading has nothing of the tool in it.
+    """Return the setup if it states the tool's mass and centre of mass, or the reading has nothing of the tool in it.
 
     Raises:
-        SetupError: names the first of the two that it does not state.
+        SetupError: one of the two is not stated; the error names the first.
     """
     for key in () if has_no_tool(setup) else setup.tool.unknown:
         command = f"ftbias identify LOG --setup {setup.path or 'SETUP.toml'} -o IDENTIFIED.toml"
@@ -38,12 +38,12 @@ def require_tool(setup: Setup) -> Setup:
 
 
 def has_no_tool(setup: Setup) -> bool:
-    """Whether the controller has subtracted all that the tool causes, so that nobody need know the tool."""
+    """Return whether the controller has subtracted the tool's whole wrench, so that the tool need not be known."""
     return setup.sensor.compensated == COMPENSATED[2]
 
 
 def is_draft(setup: Setup) -> bool:
-    """Whether the stated errors of the tool would show in the mean of many samples, as those of a drafted tool do."""
+    """Return whether the stated errors of the tool would show in the mean of many samples, as for a drafted tool."""
     tool, noise, weight = setup.tool, setup.sensor.noise_std, np.linalg.norm(setup.robot.gravity)
     force = weight * (tool.mass_std or 0.0)
     torque = 0.0 if tool.center_of_mass_std is None else tool.mass * weight * tool.center_of_mass_std.max()
@@ -51,7 +51,7 @@ def is_draft(setup: Setup) -> bool:
 
 
 def with_guessed_tool(setup: Setup) -> Setup:
-    """The setup with a guess where the tool's mass or centre of mass is not stated; the same setup if both are."""
+    """Return the setup with a guess for a mass or centre of mass that is not stated; unchanged if both are."""
     tool = setup.tool
     if not tool.unknown:
         return setup
@@ -61,10 +61,10 @@ def with_guessed_tool(setup: Setup) -> Setup:
 
 
 def guessed_parameters(given: ToolSetup, remarks: Sequence[str]) -> tuple[bool, ...]:
-    """(10,) whether a parameter was neither stated nor found, and so is the guess of where to begin; () = none is.
+    """(10,) whether each parameter is still the initial guess, because it was neither stated nor found; () = none is.
 
-    A centre of mass is written as a whole or not at all, and none without a mass. The (10,) remarks say why a parameter
-    of the given tool was not found; "" = it was.
+    A centre of mass is written as a whole or not at all, and never without a mass. The (10,) remarks state why a
+    parameter of the given tool was not found; "" = it was.
     """
     mass = "mass" in given.unknown and bool(remarks[0])
     center = "center_of_mass" in given.unknown and (mass or any(remarks[1:4]))
@@ -72,7 +72,7 @@ def guessed_parameters(given: ToolSetup, remarks: Sequence[str]) -> tuple[bool, 
 
 
 def orientation_alone(setup: Setup) -> Setup:
-    """The setup for poses at rest, of which only the orientation is read; one with joints as it is."""
+    """Return the setup for poses at rest, which have only an orientation; unchanged if it has joints."""
     pose = setup.pose
     if pose is None:
         return setup
@@ -85,10 +85,10 @@ def orientation_alone(setup: Setup) -> Setup:
 
 
 def require_one_robot(first: Setup, other: Setup) -> None:
-    """Refuse a setup that differs from the first one in more than tool and prior of the bias.
+    """Raise an error if a setup differs from the first one in more than the tool and the prior of the bias.
 
     Raises:
-        SetupError: names the first difference.
+        SetupError: they differ; the error names the first difference.
     """
     for section in ("robot", "sensor", "bias", "joints", "data_noise", "effects", "pose"):
         one, two = getattr(first, section), getattr(other, section)
@@ -102,7 +102,7 @@ def require_one_robot(first: Setup, other: Setup) -> None:
 
 
 def _compare(first: Setup, other: Setup, field: str, one: object, two: object) -> None:
-    if np.array_equal(one, two):  # type: ignore[arg-type]  # of words and tables, too
+    if np.array_equal(one, two):  # type: ignore[arg-type]  # also strings and tables
         return
     message = f"{_shown(two)} differs from {_shown(one)} in {first.path or 'the first setup'}"
     remedy = "setups of several tools share robot, sensor and noise; [tool] and the bias's initial values may differ"

@@ -1,4 +1,4 @@
-"""Serial arms in NumPy float64: screws from axes and points and from Denavit-Hartenberg tables; those of arms.toml."""
+"""Serial arms in NumPy float64: screws from axes and points or Denavit-Hartenberg tables, and arms.toml's arms."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from ftbias_jax.types import Array
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # m/s^2, base frame
 CONVENTIONS = ("standard", "modified")
-"""Of a Denavit-Hartenberg row: theta and d before a and alpha (the textbooks' first), or after them (Craig's)."""
+"""Denavit-Hartenberg rows apply theta and d before a and alpha (standard), or after them (modified, Craig's)."""
 UNITS = ("m,rad", "m,deg", "mm,rad", "mm,deg")
-"""Of a Denavit-Hartenberg table: lengths, angles."""
+"""Units of a Denavit-Hartenberg table: lengths, angles."""
 FIXED = "fixed"
-SHORTEST, LONGEST = 0.03, 20.0  # m: no arm that carries a wrist sensor reaches less, or more
+SHORTEST, LONGEST = 0.03, 20.0  # m, bounds of the reach of an arm that carries a wrist sensor
 TURN = 2 * np.pi + 1e-2  # rad, one turn with room for rounding
 
 _ARMS: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("arms.toml").read_text(encoding="utf-8"))
@@ -29,12 +29,12 @@ BUILT_IN = tuple(_ARMS)
 
 
 def describe_robot(model: str) -> str:
-    """One line that says which robot and which flange a name of ``BUILT_IN`` stands for."""
+    """One line that describes the robot and the flange of a name of ``BUILT_IN``."""
     return str(_ARMS[model]["about"])
 
 
 def with_makers_flange(model: str) -> str:
-    """The name of the same arm with its manufacturer's flange; of most that is its own name."""
+    """Name of the same arm with its manufacturer's flange; for most arms their own name."""
     return str(_ARMS[model].get("like", model))
 
 
@@ -61,7 +61,7 @@ def _arm(model: str) -> dict[str, Any]:
         screws, flange, labels = read_dh(Section(data, model, "arms.toml"), data["convention"], "m,deg")
     else:
         joints, pose, axes = data["joints"], pose_at(), []
-        for joint in joints:  # each stands on the one before it, as in a URDF
+        for joint in joints:  # each is placed in the frame of the previous one, as in a URDF
             pose = pose.then(_place(joint))
             axes.append(revolute_screw(pose.rotation @ np.array(joint.get("axis", (0, 0, 1)), float), pose.translation))
         screws, flange = np.stack(axes), pose.then(_place(data["flange"]))
@@ -92,7 +92,7 @@ def prismatic_screw(axis: Array) -> Array:
 
 
 class Pose(NamedTuple):
-    """A frame in another."""
+    """Pose of a frame in another one."""
 
     translation: Array
     """(3,) m."""
@@ -100,22 +100,22 @@ class Pose(NamedTuple):
     """(3, 3)."""
 
     def then(self, inner: Pose) -> Pose:
-        """The frame that ``inner`` gives in this one."""
+        """Pose of a frame that has the pose ``inner`` in this frame."""
         return Pose(self.translation + self.rotation @ inner.translation, self.rotation @ inner.rotation)
 
 
 def pose_at(xyz: Sequence[float] = (0.0, 0.0, 0.0), rpy: Sequence[float] = (0.0, 0.0, 0.0)) -> Pose:
-    """A frame at xyz (3,) m, turned by rpy (3,) rad about the other frame's fixed x, y, z."""
+    """Pose of a frame at xyz (3,) m, rotated by rpy (3,) rad about the other frame's fixed x, y, z."""
     rotation = rotation_from_rpy(np.asarray(rpy))
-    whole = np.rint(rotation)  # right angles turn axes into axes
+    whole = np.rint(rotation)  # right angles give exact entries
     return Pose(np.array(xyz, float), np.where(np.abs(rotation - whole) < 1e-15, whole, rotation))
 
 
 def _dh_chain(table: Array, turns: Array, convention: str) -> tuple[Array, Pose]:
-    """Screws (n, 6) at q = 0, and the flange, the frame of the last row, of a Denavit-Hartenberg table.
+    """Screws (n, 6) at q = 0, and the flange (frame of the last row), of a Denavit-Hartenberg table.
 
-    Its rows (r, 4) are a m, alpha rad, d m and theta rad, to which the joint's angle is added; ``turns`` (r,) says
-    which of them have a joint.
+    Its rows (r, 4) are a m, alpha rad, d m and theta rad, to which the joint's angle is added; ``turns`` (r,) marks the
+    rows with a joint.
     """
     pose, screws = pose_at(), []
     for (a, alpha, d, theta), has_joint in zip(table.tolist(), turns, strict=True):
@@ -131,13 +131,13 @@ def _dh_chain(table: Array, turns: Array, convention: str) -> tuple[Array, Pose]
 
 
 def read_dh(section: Section, convention: str, units: str) -> tuple[Array, Pose, tuple[str, ...]]:
-    """Screws, flange and names of the joints of a Denavit-Hartenberg table, if it can be that of an arm.
+    """Read screws, flange and joint names of a Denavit-Hartenberg table, if it is plausible for an arm.
 
-    The section has the table ``dh``, rows of a, alpha, d, theta, and perhaps "fixed", and perhaps ``joint_names``;
-    convention and units are of CONVENTIONS and UNITS.
+    The section has the table ``dh``, with rows of a, alpha, d, theta and optionally "fixed", and optionally
+    ``joint_names``; convention and units are of CONVENTIONS and UNITS.
 
     Raises:
-        SetupError: a row is no such row, a joint is prismatic, or the numbers cannot have these units.
+        SetupError: a row is malformed, a joint is prismatic, or the numbers cannot have these units.
     """
     given = rows(section, "dh", 4)
     joints = [i for i, row in enumerate(given) if row[4:] != [FIXED]]
@@ -165,7 +165,7 @@ def read_dh(section: Section, convention: str, units: str) -> tuple[Array, Pose,
 
 
 def _check_angles(section: Section, angles: Array, unit: str) -> None:
-    """Degrees are not radians: no angle is beyond a turn, and whole degrees are not all below seven."""
+    """Raise an error if angles cannot have this unit: one exceeds a turn, or degrees are all below 2 pi."""
     largest = np.abs(angles).max()
     if largest > (TURN if unit == "rad" else 361):
         other = "" if unit == "deg" else '; degrees are dh_units = "m,deg" or "mm,deg"'
@@ -176,7 +176,7 @@ def _check_angles(section: Section, angles: Array, unit: str) -> None:
 
 
 def _check_reach(section: Section, table: Array, turns: Array, convention: str, unit: str) -> None:
-    """The flange in three poses, because single lengths of a calibrated table may be huge and cancel."""
+    """Check the reach in three poses, because single lengths of a calibrated table may be huge and cancel."""
     poses = (table + q * np.outer(turns, (0, 0, 0, 1)) for q in (0.0, 1.0, -1.0))
     reach = max(float(np.linalg.norm(_dh_chain(pose, turns, convention)[1].translation)) for pose in poses)
     if not SHORTEST <= reach <= LONGEST:

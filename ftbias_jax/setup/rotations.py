@@ -36,7 +36,7 @@ def rpy_from_rotation(rotation: Array) -> Array:
 
 
 _GENERATORS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
-"""Matrices [e_i] of the unit vectors, a row each."""
+"""Matrices [e_i] of the unit vectors' cross products, one per row."""
 
 
 def skew(vectors: Array) -> Array:
@@ -46,14 +46,14 @@ def skew(vectors: Array) -> Array:
 
 
 def rotation_from_vector(vector: Array) -> Array:
-    """(3, 3) of a rotation vector (3,) rad: axis times angle (Rodrigues)."""
+    """(3, 3) matrix of a rotation vector (3,) rad: axis times angle (Rodrigues)."""
     angle = float(np.linalg.norm(vector))
     r = skew(vector)
     return np.eye(3) + np.sinc(angle / np.pi) * r + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * (r @ r)
 
 
 def vector_from_rotation(rotation: Array) -> Array:
-    """Rotation vector (3,) rad of a rotation (3, 3), at most pi long: axis times angle, to round-off at any."""
+    """Rotation vector (3,) rad of a rotation (3, 3), at most pi long: axis times angle, to round-off at any angle."""
     (quaternion,) = quaternions_of(rotation[None])
     quaternion = quaternion * (1.0 if quaternion[0] >= 0 else -1.0)
     sine = np.linalg.norm(quaternion[1:])

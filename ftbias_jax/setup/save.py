@@ -1,4 +1,4 @@
-"""Writing a setup to a file: into the text it was read from, of which only the lines of what changed are new."""
+"""Writing a setup to a file: the text it was read from is edited, so that only lines of changed values are new."""
 
 import os
 import re
@@ -17,24 +17,24 @@ from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.types import RobotSetup, Setup
 
 OURS = ("\u00b1", "ftbias ", "tuned, ")
-"""What marks a remark of an earlier command, which a new one replaces; words of others stay."""
+"""Markers of a remark by an earlier command, which a new one replaces; remarks by others stay."""
 WRITTEN_BY = "# Written by ftbias "
-"""Begins the first line of a setup that a command wrote, which the command may replace."""
+"""Start of the first line of a setup that a command wrote, and may therefore replace."""
 SCREW_SECTIONS = ("[robot.flange]", "[[robot.joints]]")
 TERMS = "[[effects.term]]"
-"""A section that may stand several times, and is written as a whole."""
+"""A section that may occur several times, and is written as a whole."""
 _Said = dict[tuple[str, str], Line]
 
 
 def save_setup(setup: Setup, path: str | os.PathLike[str], by: str = "") -> None:
-    """Write a setup as TOML that ``load_setup`` reads back, whole or not at all; ``Setup.save`` is this.
+    """Write a setup as TOML that ``load_setup`` reads back, whole or not at all; ``Setup.save`` is this function.
 
-    Of a setup that was read from a file, the text of that file stays but for the lines of what changed.
+    If the setup was read from a file, the text of that file is kept except for the lines of changed values.
 
     Args:
-        setup: what to write.
+        setup: the setup to write.
         path: the file to make or replace; a link is refused.
-        by: the command that writes it, for the first line; "" = the file is somebody's own, and has no such line.
+        by: the command that writes it, for the first line; "" = a user's own file, which has no such line.
 
     Raises:
         OutputError: the file cannot be written there.
@@ -42,7 +42,7 @@ def save_setup(setup: Setup, path: str | os.PathLike[str], by: str = "") -> None
     """
     text = re.sub(rf"\A{WRITTEN_BY}.*\n", "", edited_text(setup, os.fspath(path)))
     try:
-        parse_setup(tomllib.loads(text), os.fspath(path))  # what a command writes, every command reads
+        parse_setup(tomllib.loads(text), os.fspath(path))  # every command must be able to read it
     except SetupError as error:
         remedy = "state values that a body can have, or record a motion that determines them"
         message = f"nothing is written, because no command could read it: {error.message}"
@@ -53,11 +53,11 @@ def save_setup(setup: Setup, path: str | os.PathLike[str], by: str = "") -> None
 def write_atomic(path: str | os.PathLike[str], write: Callable[[BinaryIO], object]) -> None:
     """Write a file through a temporary one beside it: written, flushed to disk, then renamed.
 
-    On any failure the temporary file is removed, and what stood at ``path`` before still stands there.
+    On any failure the temporary file is removed, and the former content of ``path`` is kept.
 
     Args:
         path: the file to make or replace.
-        write: called once with the open temporary file. What it raises, but for OSError, passes through.
+        write: called once with the open temporary file. Its exceptions, except OSError, are passed on.
 
     Raises:
         OutputError: the file cannot be written there, or it is a symbolic link.
@@ -74,7 +74,7 @@ def write_atomic(path: str | os.PathLike[str], write: Callable[[BinaryIO], objec
 
 
 def refuse_link(path: str | os.PathLike[str]) -> None:
-    """Refuse an output that is a symbolic link: what it leads to was not named, and may be a recording."""
+    """Raise an error if an output is a symbolic link, because its target was not named and may be a recording."""
     if os.path.islink(path):
         raise OutputError("is a symbolic link", file=path, remedy="remove it, or name the file that it leads to")
 
@@ -85,11 +85,11 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def edited_text(setup: Setup, target: str = "") -> str:
-    """The text of a setup for a file, the ``target``, at whose folder a relative path of a URDF or an MJCF starts.
+    """Return the text of a setup for the file ``target``, whose folder a relative path of a URDF or an MJCF refers to.
 
     It is the text that the setup was read from with the changed values, new keys at the end of their sections, and
-    ``setup.comments`` on the lines of what changed; the whole setup written anew, if it was not read from a text, or
-    if a list of screws changed.
+    ``setup.comments`` on the changed lines. The setup is written anew if it was not read from a text, or if a list of
+    screws changed.
     """
     if not setup.source:
         return dump_setup(setup)
@@ -101,7 +101,7 @@ def edited_text(setup: Setup, target: str = "") -> str:
         text = _with_terms(text, _terms(setup))
     try:
         written = parse_setup(tomllib.loads(text), target)
-    except (SetupError, tomllib.TOMLDecodeError):  # an odd way to write TOML: better all anew than wrong
+    except (SetupError, tomllib.TOMLDecodeError):  # unusual TOML that was not edited correctly
         return dump_setup(setup)
     return text if _values(written) == _values(setup) and _same_arm(written.robot, setup.robot) else dump_setup(setup)
 
@@ -141,7 +141,7 @@ def _edited(setup: Setup, before: _Said, after: _Said, target: str) -> str:
 
 
 def _with_terms(text: str, terms: Iterable[Mapping[str, Any]]) -> str:
-    """The text with these terms at its end, in place of those it has."""
+    """Replace the terms of a text by these, at its end."""
     document = tomlkit.parse(text)
     document.get("effects", {}).pop("term", None)
     lines = ("".join(f"{toml_line(key, value)}\n" for key, value in term.items()) for term in terms)
@@ -154,7 +154,7 @@ def _terms(setup: Setup) -> Sequence[Mapping[str, Any]]:
 
 
 def _put(table: MutableMapping[str, Any], line: Line, remark: str) -> None:
-    """Set one value; what stood behind the old one stays."""
+    """Set one value; the comment behind the old one stays."""
     item: Item = tomlkit.parse(f"x = {toml_value(line.value)}\n")["x"]
     old = table.get(line.key)
     if isinstance(old, Item):
@@ -164,7 +164,7 @@ def _put(table: MutableMapping[str, Any], line: Line, remark: str) -> None:
             parts = old.trivia.comment.lstrip("# ").split("; ")  # without the remarks of earlier commands
             theirs = takewhile(lambda part: not any(mark in part for mark in OURS), parts)
             _comment(item, "; ".join(theirs), remark, line)
-    if isinstance(old, Item) or not isinstance(table, Table):  # the latter: in braces, where no comment can stand
+    if isinstance(old, Item) or not isinstance(table, Table):  # the latter: an inline table, which has no comments
         table[line.key] = item
         return
     _comment(item, "", remark, line)
@@ -182,7 +182,7 @@ def _comment(item: Item, old: str, remark: str, line: Line) -> None:
 
 
 def _move_description(document: MutableMapping[str, Any], setup: Setup, target: str) -> None:
-    """A relative path of a URDF or an MJCF starts at the setup's folder: it changes with that folder."""
+    """Adapt a relative path of a URDF or an MJCF, which refers to the setup's folder, to the target's folder."""
     robot = document.get("robot", {})
     folders = [os.path.realpath(os.path.dirname(path) or ".") for path in (setup.path, target)]
     for key in ("urdf", "mjcf") if target and folders[0] != folders[1] else ():

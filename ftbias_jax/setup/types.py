@@ -1,4 +1,4 @@
-"""The setup as frozen dataclasses of read-only float64 arrays: what the robot's owner believes.
+"""The setup, as stated by the robot's owner, in frozen dataclasses of read-only float64 arrays.
 
 Equality is identity, because arrays do not compare to one truth value.
 """
@@ -32,7 +32,7 @@ DATA_NOISE_UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class RobotSetup:
-    """A serial arm and the gravity it stands in."""
+    """A serial arm and the gravity that acts on it."""
 
     screws: Array
     """(n, 6) screw axes at q = 0, base frame, (linear; angular): (-s x r; s) if revolute, (d; 0) if prismatic."""
@@ -53,11 +53,11 @@ class RobotSetup:
     name: str | None = None
     """Which robot of a fleet it is; None = not stated."""
     site: str = ""
-    """Of the sensor in the MJCF, as the setup states it; "" = not stated."""
+    """Site of the sensor in the MJCF, as the setup states it; "" = not stated."""
     base_link: str = ""
     """Body of the MJCF whose frame is the base frame, as the setup states it; "" = the world."""
     urdf_links: tuple[str, str] | None = None
-    """Base and flange in the URDF; None = the arm is of no URDF."""
+    """Base and flange links in the URDF; None = the arm is not from a URDF."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +71,13 @@ class SensorSetup:
     noise_std: Array
     """(6,) N and Nm, standard deviation of one sample."""
     reports: str = "wrench_on_tool"
-    """One of REPORTS. The readers of logs flip the sign of "wrench_on_sensor"; nothing after them looks at it."""
+    """One of REPORTS. The readers of logs flip the sign of "wrench_on_sensor"; later stages ignore it."""
     correlated_std: Array | None = None
     """(6,) N and Nm: noise that is correlated in time, a first-order Gauss-Markov process; None = not stated."""
     correlated_time: Array | None = None
     """(6,) s, its correlation time."""
     compensated: str = "none"
-    """One of COMPENSATED: what of the tool the controller has subtracted from the reading already."""
+    """One of COMPENSATED: the part of the tool's wrench that the controller has already subtracted from the reading."""
     rezeroed: bool = False
     """Whether the sensor was set to zero in the log's first pose, with the tool on: its bias is then the tool's wrench
     there."""
@@ -104,7 +104,7 @@ class ToolSetup:
     center_of_mass_std: Array | None = None
     """(3,) m, standard errors; None = not stated."""
     urdf_link: str = ""
-    """Link of the URDF that it is; "" = not stated."""
+    """Link of the URDF that is the tool; "" = not stated."""
 
     @property
     def unknown(self) -> tuple[str, ...]:
@@ -118,7 +118,7 @@ class ToolSetup:
 
 
 def sign_of(reports: str) -> float:
-    """The sign of the reading against the wrench on the tool; ``reports`` is one of REPORTS."""
+    """Sign of the reading relative to the wrench on the tool; ``reports`` is one of REPORTS."""
     return 1.0 if reports == REPORTS[0] else -1.0
 
 
@@ -147,14 +147,14 @@ class BiasSetup:
     initial_drift: Array
     """(6,) N/s and Nm/s."""
     gate: float | None = None
-    """Wrenches with an axis this many standard deviations off their prediction are not used; None = all are, or where
-    the noise is taken from the log ``filter_samples.GATE``."""
+    """Wrenches with an axis this many standard deviations off their prediction are rejected; None = no gating, or
+    ``filter_samples.GATE`` where the noise is estimated from the log."""
     drift_time: Array | None = None
-    """(6,) s in which the drift reverts to zero; None = never."""
+    """(6,) s, time constant with which the drift reverts to zero; None = never."""
     model_std: Array | None = None
-    """(6,) N and Nm: standard error of the model's reading beside the tool's; the bias takes it up. None = none."""
+    """(6,) N and Nm: standard error of the predicted reading due to effects; the bias absorbs it. None = none."""
     adapt: bool = True
-    """Whether contact and the noise that the setup leaves open are taken from each log."""
+    """Whether contact and the noise that the setup leaves open are estimated from each log."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,8 +164,8 @@ class JointSetup:
     model: str
     """One of JOINT_MODELS."""
     process_noise_density: Array | None
-    """(n,) rad/s^2.5 for integrated_jerk, rad/s^1.5 for integrated_acceleration, rad/s^2 for acceleration: what is true
-    of the motion (the filter takes params_for_log.LAG_GUARD times as much); None = the likeliest one for each log."""
+    """(n,) rad/s^2.5 for integrated_jerk, rad/s^1.5 for integrated_acceleration, rad/s^2 for acceleration: the motion's
+    true density (the filter takes params_for_log.LAG_GUARD times as much); None = the likeliest one for each log."""
     position_noise_std: Array
     """(n,) rad."""
     velocity_noise_std: Array
@@ -176,9 +176,9 @@ class JointSetup:
 
 @dataclass(frozen=True, eq=False)
 class DataNoiseSetup:
-    """Sigma_D: how well the motion of the sensor is known, as standard deviations along the sensor's axes.
+    """Sigma_D: uncertainty of the sensor's motion, as standard deviations along the sensor's axes.
 
-    It is white noise, independent of one sample to the next and added to what the joint filter itself is uncertain of.
+    It is white noise, independent from sample to sample, which adds to the joint filter's own uncertainty.
     """
 
     linear_acceleration: Array
@@ -196,7 +196,7 @@ class DataNoiseSetup:
 
 @dataclass(frozen=True, eq=False)
 class LimitsSetup:
-    """What a planned motion must keep to; None = not stated."""
+    """Limits of a planned motion; None = not stated."""
 
     position_lower: Array | None = None
     """(n,) rad (m), lower ends of the joints' travel."""
@@ -213,20 +213,20 @@ class LimitsSetup:
     box_upper: Array | None = None
     """(3,) m, base frame."""
     floor: float | None = None
-    """m, upwards from the base frame's origin."""
+    """m, lowest height, upwards from the base frame's origin."""
     tip: Array | None = None
     """(3,) m, sensor frame: the tool's farthest end."""
     keep_axis: Array = (0.0, 0.0, 1.0)
-    """(3,) sensor frame: the axis that ``keep_angle`` speaks of."""
+    """(3,) sensor frame: the axis whose tilt ``keep_angle`` limits."""
     keep_angle: float | None = None
-    """rad that this axis may tilt from its direction in the first pose."""
+    """rad, largest tilt of this axis from its direction in the first pose."""
     wrench: Array | None = None
     """(6,) N, Nm: largest wrench of the tool on the sensor."""
 
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """Everything a setup file says."""
+    """Everything that a setup file states."""
 
     robot: RobotSetup
     sensor: SensorSetup
@@ -235,13 +235,13 @@ class Setup:
     joints: JointSetup
     log: LogSetup = field(default_factory=LogSetup)
     effects: Mapping[str, Any] = field(default_factory=dict)
-    """[effects.NAME] as written, a table each, and the tables [[effects.term]]; the model's effects check them."""
+    """[effects.NAME] as written, a table each, and the tables [[effects.term]]; the model's effects validate them."""
     data_noise: DataNoiseSetup | None = None
     """Sigma_D; None = zero."""
     pose: PoseSetup | None = None
-    """Set if the sensor's pose is recorded; robot and joints then speak of the entries of the pose."""
+    """Set if the sensor's pose is recorded; robot and joints then describe the entries of the pose."""
     limits: LimitsSetup = field(default_factory=LimitsSetup)
-    """What a planned motion must keep to."""
+    """Limits of a planned motion."""
     path: str = ""
     """The file it was read from, for messages; "" = from memory."""
     description: str = ""
@@ -251,7 +251,7 @@ class Setup:
     comments: Mapping[str, str] = field(default_factory=dict)
     """Remarks on full keys such as ``tool.mass``, which ``save`` writes on their lines: how a value was found."""
     own_effects: tuple[Any, ...] = ()
-    """``Effect`` objects beside the built-in ones. The caller gives them; no file names code that is then run."""
+    """``Effect`` objects besides the built-in ones, given by the caller; no file can name code that is then run."""
 
     def with_effects(self, effects: Sequence[Any]) -> Setup:
         """The setup with further ``Effect`` objects, which [effects.NAME] may then state; each counts once."""
@@ -260,15 +260,15 @@ class Setup:
 
     @property
     def files(self) -> tuple[str, str]:
-        """What it was read from, which no result may replace; "" = nothing."""
+        """Files it was read from, which no result may replace; "" = none."""
         return self.path, self.description
 
-    # The room's __init__ binds the functions that these two are, because those are made of what this module defines.
+    # The package's __init__ binds the implementations of these two, because those import this module.
 
     def save(self, path: str | os.PathLike[str], by: str = "") -> None:
         """Write it as TOML that ``load_setup`` reads back: ``save.save_setup``."""
         raise NotImplementedError
 
     def export(self, path: str | os.PathLike[str], format: str, **options: Any) -> None:
-        """Write the tool in the words of a controller, for ROS the bias: ``export.save_export``."""
+        """Write the tool, and for ROS the bias, in the format of a controller: ``export.save_export``."""
         raise NotImplementedError

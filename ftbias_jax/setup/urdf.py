@@ -26,7 +26,7 @@ TURNING, SLIDING, FIXED = ("revolute", "continuous"), ("prismatic",), ("fixed",)
 
 
 class Joint(NamedTuple):
-    """How a link hangs on its parent."""
+    """Joint that attaches a link to its parent."""
 
     name: str
     kind: str
@@ -46,11 +46,11 @@ class Joint(NamedTuple):
 
 
 class Urdf(NamedTuple):
-    """What a URDF says about motion and mass."""
+    """Joints and links of a URDF."""
 
     file: str
     joints: Mapping[str, Joint]
-    """By the link that hangs on it."""
+    """Child link -> the joint that attaches it."""
     links: Mapping[str, ET.Element]
 
     def error(self, field: str, message: str, remedy: str) -> SetupError:
@@ -62,7 +62,7 @@ def load_urdf(path: str | os.PathLike[str]) -> Urdf:
     """Read a URDF file.
 
     Raises:
-        SetupError: it cannot be read, is larger than MAX_BYTES, no URDF, or contradicts itself.
+        SetupError: it cannot be read, is larger than MAX_BYTES, is no URDF, or contradicts itself.
     """
     file = os.fspath(path)
     content = read_file(file, MAX_BYTES, "give the path of a URDF", "give a URDF, not a mesh")
@@ -77,13 +77,13 @@ def load_urdf(path: str | os.PathLike[str]) -> Urdf:
 
 
 def parse_xml(content: bytes, file: str, kind: str, most: int) -> ET.Element:
-    """The root element; a first pass refuses what could grow, or nest more than so many elements.
+    """Return the root element; a first pass refuses document types, which could grow, and too deep nesting.
 
     Args:
         content: of the file.
         file: its name, for messages.
         kind: what the file should be, for messages.
-        most: nested elements.
+        most: maximum depth of nested elements.
 
     Raises:
         SetupError: it is no XML, or refused.
@@ -136,7 +136,7 @@ def _joints(root: ET.Element, urdf: Urdf) -> dict[str, Joint]:
 
 
 def _limits(element: ET.Element) -> tuple[float, float, float]:
-    """Ends of a joint's travel and its largest speed; infinite where the file does not say."""
+    """Ends of a joint's travel and its largest speed; infinite where the file does not state them."""
     limit = element.find("limit")
     if limit is None:
         return -np.inf, np.inf, np.inf
@@ -147,7 +147,7 @@ def _limits(element: ET.Element) -> tuple[float, float, float]:
 
 
 def _number(text: str | None) -> float:
-    """The number of an attribute that is not needed, NaN if it is none."""
+    """Number of an optional attribute; NaN if it is not a number."""
     try:
         return float(text or 0)
     except ValueError:
@@ -165,7 +165,7 @@ def _attribute(element: ET.Element | None, name: str) -> str:
 
 
 def _numbers(element: ET.Element | None, name: str, default: tuple[float, ...], urdf: Urdf, field: str) -> Array:
-    """The numbers of an attribute, as many as the default has; NaN as default = it must be there.
+    """Numbers of an attribute, as many as the default has; NaN as default = the attribute is required.
 
     Raises:
         SetupError: they are not that many, or not finite.
@@ -184,10 +184,10 @@ def _numbers(element: ET.Element | None, name: str, default: tuple[float, ...], 
 
 
 def urdf_robot(urdf: Urdf, base_link: str, tip_link: str, gravity: Array) -> RobotSetup:
-    """The serial arm between two links, whose frames are base frame and flange; base "" = that hangs on no joint.
+    """Serial arm between two links, whose frames are base frame and flange; base "" = the link without a parent.
 
     Raises:
-        SetupError: a link is not there, does not hang on the base, or a joint of the chain cannot be modelled.
+        SetupError: a link is not there, is not attached to the base, or a joint of the chain cannot be modelled.
     """
     base_link = base_link or _root(urdf)
     pose, screws, moving = pose_at(), list[Array](), list[Joint]()
@@ -221,10 +221,10 @@ def urdf_robot(urdf: Urdf, base_link: str, tip_link: str, gravity: Array) -> Rob
 
 
 def urdf_tool(urdf: Urdf, tip_link: str, link: str, sensor: SensorSetup) -> ToolSetup:
-    """The mass and inertia of one link that is fixed to the tip, the flange, in the frame of the sensor.
+    """Mass and inertia of one link that is fixed to the tip, the flange, in the frame of the sensor.
 
     Raises:
-        SetupError: the link is not there, moves against the tip, or has no mass.
+        SetupError: the link is not there, moves relative to the tip, or has no mass.
     """
     field, pose = f"link {link!r}", fixed_pose(urdf, tip_link, link)
     inertial = urdf.links[link].find("inertial")
@@ -243,10 +243,10 @@ def urdf_tool(urdf: Urdf, tip_link: str, link: str, sensor: SensorSetup) -> Tool
 
 
 def fixed_pose(urdf: Urdf, tip_link: str, link: str) -> Pose:
-    """Where a link is that is fixed to the tip, in the frame of the tip.
+    """Pose, in the frame of the tip, of a link that is fixed to the tip.
 
     Raises:
-        SetupError: one of the links is not there, or they move against each other.
+        SetupError: one of the links is not there, or they move relative to each other.
     """
     pose = pose_at()
     for joint in _chain(urdf, tip_link, link):
@@ -266,7 +266,7 @@ def _chain(urdf: Urdf, base_link: str, tip_link: str) -> list[Joint]:
     link = tip_link
     while link != base_link:
         joint = urdf.joints.get(link)
-        if joint is None or len(chain) > len(urdf.joints):  # the second: joints that bite their tail
+        if joint is None or len(chain) > len(urdf.joints):  # the second: joints that form a loop
             remedy = f"known links: {', '.join(list(urdf.links)[:40])}"
             raise urdf.error(f"link {tip_link!r}", f"does not hang on {base_link!r}", remedy)
         chain.append(joint)

@@ -1,9 +1,9 @@
-"""Sigma_D of maximum likelihood, with sigma_Q and Sigma_W, from logs of one tool or several.
+"""Maximum-likelihood Sigma_D, with sigma_Q and Sigma_W, from the logs of one tool or several.
 
 R = Sigma_W + B Sigma_D B^T is diagonal and constant for a tool, so the logs of one tool determine six variances and no
-more (errata 11): what of them is noise of the sensor and what noise of the motion, they leave open. B is made of the
-tool's parameters, so every further tool gives six sums with other weights. The fit says which numbers stay open
-(``Fit.undetermined``) and writes the sums that are determined (``Fit.determined``).
+more (errata 11); they do not separate sensor noise from noise of the motion. B is computed from the tool's parameters,
+so every further tool adds six sums with other weights. The fit lists the parameters that stay undetermined
+(``Fit.undetermined``) and the sums that are determined (``Fit.determined``).
 """
 
 from collections.abc import Sequence
@@ -26,16 +26,16 @@ from ftbias_jax.model.wrench.tool_wrench import DataNoise, data_variance
 from ftbias_jax.types import Array, Sample
 
 DISTINCT = 3.0
-"""A variance of fewer standard errors than this is not distinguishable from zero."""
+"""A variance smaller than this many of its standard errors is not distinguishable from zero."""
 SMALL_REST = 1e-6
-"""Relative: a sum of variances of which less is left over is a combination of what the logs show."""
+"""Relative residual below which a sum of variances counts as a linear combination of those that are determined."""
 
 
 class Tool(NamedTuple):
     """Logs of one tool."""
 
     params: Params
-    """Tool and prior of the bias; everything else is that of the other tools."""
+    """Parameters with this tool and the prior of its bias; everything else is common to all tools."""
     logs: Sequence[Sample]
 
 
@@ -46,14 +46,14 @@ def tune_data(
     options: Options = DEFAULT_OPTIONS,
     search: Search = FROM_ONE_START,
 ) -> tuple[list[Params], Fit]:
-    """Fit Sigma_D, and what else of the noise of bias and sensor is asked for, to the logs of all tools at once.
+    """Fit Sigma_D, and any other noise of bias and sensor that is asked for, to the logs of all tools together.
 
     Args:
-        tools: at least one; their noise is common, the values of the first one are where to start.
+        tools: at least one; the tools share their noise, which starts from the values of the first one.
         ties: one of KINDS, and keys of TIES for those of values.WRENCH_NAMES that are to be fitted with it.
-        stated: where to start, by name; what is absent or zero starts at a share of the sensor's variance.
-        options: of the pipeline.
-        search: how the maximum is searched, by one process.
+        stated: starting values, by name; one that is absent or zero starts at a share of the sensor's variance.
+        options: options of the pipeline.
+        search: settings of the search for the maximum, by one process.
 
     Returns:
         the parameters of every tool with the fitted noise, and the fit.
@@ -76,12 +76,12 @@ def fit_data(
     stated: dict[str, Array] | None = None,
     search: Search = FROM_ONE_START,
 ) -> tuple[list[Params], Fit]:
-    """``tune_data`` for joints that are already smoothed, or known; a part is one log with a leading axis of 1."""
+    """``tune_data`` for joints that are already smoothed or known; a part is one log with a leading axis of 1."""
     kinds, found = list(KINDS), dict(stated or {})
     others = {name: tie for name, tie in ties.items() if name not in LANES}
     wanted = next(i for i, kind in enumerate(KINDS.values()) if kind.items() <= ties.items())
     known = all(np.all(found.get(name, 0.0)) for name in KINDS[kinds[wanted]])
-    # Many numbers have local optima: fewer numbers lead the way, unless it is said where to start.
+    # Many parameters have local optima: fits of fewer ones give the start, unless starting values are stated.
     for kind in kinds[wanted if known else 0 : wanted + 1]:
         fit = _fit(tools, parts, KINDS[kind] | others, found, search)
         found = dict(fit.values)
@@ -98,10 +98,10 @@ def _fit(
     known: dict[str, Array],
     search: Search,
 ) -> Fit:
-    """One of KINDS, from where its numbers are known to be about, or are noticed."""
+    """Fit one of KINDS, starting from known values, or from values that change R noticeably."""
     index, logs = tied(starting_values(tools, ties, known), ties)
     optimum = fit_common(parts, index, logs, search)
-    # So scaled, a variance of DISTINCT standard errors has an error of 1; the drift is judged as without Sigma_D.
+    # So scaled, a variance of DISTINCT standard errors has an error of 1; sigma_Q is judged as without Sigma_D.
     scale = np.ones(len(logs))
     for name, lanes in index.items():
         scale[lanes] = 1.0 if name == "density" else DISTINCT * power(name)
@@ -115,7 +115,7 @@ def _fit(
 def _sums(
     tools: Sequence[Params], index: dict[str, np.ndarray], optimum: newton.Optimum, scale: np.ndarray
 ) -> DeterminedSums:
-    """What the fitted noise adds up to, with relative standard errors."""
+    """Sums of variances from the fitted noise, with relative standard errors."""
 
     def sums(logs: Array) -> tuple[Array, Array]:
         noise = {name: jnp.exp(logs[lanes]) for name, lanes in index.items()}
@@ -132,7 +132,7 @@ def _sums(
         combination_errors(information, slope / (2 * value[..., None]) / scale)
         for value, slope in zip(values, slopes, strict=True)
     ]
-    # R is seen, so its diagonal is determined; a - g is where it is a combination of diagonals.
+    # The data show R, so its diagonal is determined; the variance of a - g is if it is a combination of diagonals.
     totals, force = slopes[0].reshape(-1, len(logs)), slopes[1]
     left_over = force - (force @ np.linalg.pinv(totals, rcond=1e-10)) @ totals
     known = np.abs(left_over).max(-1, initial=0) < SMALL_REST * np.abs(force).max(-1, initial=0)

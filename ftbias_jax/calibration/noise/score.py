@@ -1,4 +1,4 @@
-"""Log-likelihoods of joints, and of the wrench given the joints, as functions of the logarithms of their noise."""
+"""Log-likelihoods of the joints, and of the wrench given the joints, as functions of the logarithms of their noise."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array, Sample
 
 JOINT_BURN_IN, WRENCH_BURN_IN = 0.2, 1.0
-"""s that do not count at the start of every piece, and of every log: the prior shows there."""
+"""s at the start of every piece, and of every log, that the score leaves out because the prior dominates there."""
 Free = tuple[tuple[str, tuple[int, ...]], ...]
-"""Name of noise -> which entry of a score's argument, flattened, each of its numbers is; -1 = none, it stays zero."""
+"""Name of a noise parameter -> index of each of its numbers in a score's flattened argument; -1 = it stays zero."""
 
 
 def rows_of(index: Mapping[str, np.ndarray]) -> Free:
-    """The argument of a score whose every row is one kind of noise."""
+    """Indices into the argument of a score that has one row per noise parameter."""
     ends = np.cumsum([len(lanes) for lanes in index.values()])
     return tuple(
         (name, tuple(range(end - len(index[name]), end))) for name, end in zip(index, map(int, ends), strict=True)
@@ -35,19 +35,19 @@ def rows_of(index: Mapping[str, np.ndarray]) -> Free:
 
 
 def freed(params: Params, free: Free, logs: Array) -> Params:
-    """Parameters with the noise whose logarithms are given, to be differentiated."""
+    """Parameters with the noise whose logarithms are given; differentiable."""
     values = jnp.exp(jnp.append(jnp.ravel(logs), -jnp.inf))
     return with_noise(params, {name: values[jnp.array(lanes)] for name, lanes in free})
 
 
 @dataclass(frozen=True)
 class JointScore:
-    """Log-likelihood of joint measurements, by joint; a newton.LaneScore whose parts are (params, pieces of logs)."""
+    """Log-likelihood of joint measurements, per joint; a newton.LaneScore whose parts are (params, pieces of logs)."""
 
     free: Free
     model: str
     burn_in: float = JOINT_BURN_IN
-    """s at the start of every piece that do not count."""
+    """s at the start of every piece that the score leaves out."""
 
     def __call__(self, logs: Array, part: tuple[Params, Sample]) -> Array:
         """(K, n) logarithms -> (n,) nats."""
@@ -62,15 +62,15 @@ class JointScore:
 
 
 class WrenchLogs(NamedTuple):
-    """What is left of logs for the bias filter, once their joints are smoothed; leading axis of logs."""
+    """Logs with smoothed joints, as the bias filter needs them; leading axis of L logs."""
 
     samples: Sample
     wrench_tool: Array
-    """(L, T, 6) of the smoothed joints."""
+    """(L, T, 6) N, Nm: wrench of the tool at the smoothed joint states."""
     joint_variance: Array
-    """(L, T, 6) the joints' share of the variance, and that by motion, unless that is fitted."""
+    """(L, T, 6) N^2, Nm^2: the joints' share of the variance, plus that of the motion unless it is fitted."""
     velocity: Array | None = None
-    """(L, T, n) rad/s; None = noise that grows with the motion is not fitted."""
+    """(L, T, n) rad/s, joint velocities; None = noise that grows with the motion is not fitted."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +79,10 @@ class WrenchScore:
 
     free: Free
     burn_in: float = WRENCH_BURN_IN
-    """s at the start of every log that do not count."""
+    """s at the start of every log that the score leaves out."""
 
     def __call__(self, logs: Array, part: tuple[Params, WrenchLogs]) -> Array:
-        """(K, 6) logarithms -> (6,) nats, by axis; (P, 1), which reach all axes -> (1,)."""
+        """(K, 6) logarithms -> (6,) nats, per axis; (P, 1) logarithms that affect all axes -> (1,) nats."""
         params, whole = part
         params = freed(params, self.free, logs)
         length = measured_length(whole.samples)
@@ -98,7 +98,7 @@ class WrenchScore:
 
 
 def own_variance(params: Params, velocity: Array | None) -> Array:
-    """(T, 6) or (1, 6) N^2, Nm^2: what sensor and motion, at joint velocities (T, n), add to the joints' share of R."""
+    """(T, 6) or (1, 6) N^2, Nm^2: part of R that sensor and motion cause, at joint velocities (T, n) rad/s."""
     own: Array = total_variance(params)[None]
     shaking = None if velocity is None else bias_filter.vibration(params.bias, velocity)
     return own if shaking is None else own + bias_filter.white_share(params.bias, shaking)
@@ -106,7 +106,7 @@ def own_variance(params: Params, velocity: Array | None) -> Array:
 
 @partial(jax.jit, static_argnames=("options", "moving"))
 def smoothed_wrenches(params: Params, logs: Sample, options: Options, moving: bool = False) -> WrenchLogs:
-    """Logs with a leading axis, with their joints smoothed; ``moving``: for noise that grows with the motion, too."""
+    """Smooth the joints of logs with a leading axis; ``moving``: prepare a fit of noise that grows with the motion."""
 
     def one(samples: Sample) -> WrenchLogs:
         joints = smooth_joints(params, pipeline.init(params, samples), samples, options)

@@ -1,6 +1,6 @@
-"""Noise of joints, bias, sensor and motion by name: what of it can be fitted, where to start, and how a fit moves it.
+"""Noise of joints, bias, sensor and motion by name: which values can be fitted, from where, and how a fit sets them.
 
-All of it is positive, so every fit moves logarithms (``constrain``), which need no bounds.
+All of them are positive, so every fit varies their logarithms (``constrain``), which need no bounds.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,15 +22,15 @@ KINDS: dict[str, dict[str, str]] = {
     "three": dict.fromkeys(DataNoise._fields, "each"),
     "entries": {"entries": "each"},
 }
-"""What can be fitted of Sigma_D, as names and their ties: four numbers, four for each axis, or every entry."""
+"""Parametrisations of Sigma_D that can be fitted, as names and ties: four numbers, four per axis, or every entry."""
 TIES: dict[str, Callable[[int], np.ndarray]] = {
     "one": lambda size: np.zeros(size, int),
     "pair": lambda size: np.arange(size) * 2 // size,
     "each": lambda size: np.arange(size),
 }
-"""Which lanes share a value: all, the forces and the torques, or none."""
+"""Group of each lane by number of lanes; lanes of a group share a value: all, the forces and the torques, or none."""
 VIBRATION, VIBRATION_SPEED = "vibration", "vibration_speed"
-"""Noise that grows with the motion: weights (n, 6) of the joints' speeds, and the speed (1,) they bend at."""
+"""Noise that grows with the motion: weights (n, 6) of joint speeds, and the speed (1,) above which growth is linear."""
 _KEYS = {name: f"joints.{key}" for name, key in JOINTS.items()} | {
     "density": "bias.noise_density",
     "wrench_std": "sensor.noise_std",
@@ -39,27 +39,27 @@ _KEYS = {name: f"joints.{key}" for name, key in JOINTS.items()} | {
 }
 LANES = dict.fromkeys(DataNoise._fields, 3) | {"entries": 36}
 START_SHARE = {"angular_velocity": 0.01}
-"""Of the sensor's variance: what an unstated part of Sigma_D starts at, on the axis where it matters most; others than
-these START_SHARE_OF_OTHERS. Zero has no logarithm, and far below the sensor's noise the likelihood is flat. A rate must
-be off by about 1 rad/s to be noticed: started higher, it would take what belongs to the accelerations."""
+"""Share of the sensor's variance that an unstated part of Sigma_D starts with, on the axis where it matters most; else
+START_SHARE_OF_OTHERS. Zero has no logarithm, and far below the sensor noise the likelihood is flat. A rate must be off
+by about 1 rad/s to be noticeable: started higher, it would absorb what belongs to the accelerations."""
 START_SHARE_OF_OTHERS = 0.5
 
 
 def key_of(name: str) -> str:
-    """Where a setup states it."""
+    """Key under which a setup states a noise parameter."""
     return _KEYS.get(name, f"data_noise.{name}")
 
 
 def tied(start: Mapping[str, Array], ties: Mapping[str, str]) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Free values that some noise has in common.
+    """Number the free values of noise parameters, one for each group of entries that are tied together.
 
     Args:
-        start: name -> values to start from; what is zero has no logarithm and stays.
+        start: name -> starting values; a zero has no logarithm and stays zero.
         ties: name -> key of TIES.
 
     Returns:
-        name -> number of the free value that each entry has, -1 = it stays zero; and the logarithms (P,) to start
-        from, of the geometric means of what is tied together.
+        name -> index of the free value of each entry, -1 = it stays zero; and the logarithms (P,) to start from, of the
+        geometric means of the entries that are tied together.
     """
     index, logs = dict[str, np.ndarray](), list[float]()
     for name, given in start.items():
@@ -73,7 +73,7 @@ def tied(start: Mapping[str, Array], ties: Mapping[str, str]) -> tuple[dict[str,
 
 
 def starting_values(tools: Sequence[Params], ties: dict[str, str], known: dict[str, Array]) -> dict[str, np.ndarray]:
-    """Where to start, by name: what is known, else the noise of the first tool, else what is noticed."""
+    """Starting values by name: known ones, else the noise of the first tool, else values that change R noticeably."""
     bias = tools[0].bias
     start = {"density": np.asarray(bias.density), "wrench_std": np.sqrt(np.asarray(bias.wrench_variance))} | known
     for name in ties.keys() & LANES.keys():
@@ -83,7 +83,7 @@ def starting_values(tools: Sequence[Params], ties: dict[str, str], known: dict[s
 
 
 def with_noise(params: Params, noise: Mapping[str, Array]) -> Params:
-    """Parameters with values for some of JOINT_NAMES and WRENCH_NAMES, VIBRATION, and all of one kind of Sigma_D."""
+    """Parameters with values for some of JOINT_NAMES, WRENCH_NAMES and VIBRATION, and for one whole kind of Sigma_D."""
     variance = params.bias.data_variance
     if "entries" in noise:
         variance = noise["entries"] ** 2
@@ -101,17 +101,17 @@ def with_noise(params: Params, noise: Mapping[str, Array]) -> Params:
 
 
 def unconstrain(params: Params) -> dict[str, Array]:
-    """Logarithms of the noise, by name: free numbers for an optimiser, which ``constrain`` puts back.
+    """Logarithms of the noise, by name: unconstrained numbers for an optimiser; ``constrain`` is the inverse.
 
     Args:
-        params: as ``params_for_log`` gives them.
+        params: as returned by ``params_for_log``.
 
     Returns:
         name -> logarithms: ``process_density`` (n,) of rad/s^2.5, ``position_std`` (n,) of rad and ``velocity_std``
         (n,) of rad/s, eta of the joints; ``density`` (6,) of N/s^1.5 and Nm/s^1.5, sigma_Q; ``wrench_std`` (6,) of N
         and Nm, the square root of the diagonal of Sigma_W; and, if the setup states ``[data_noise]``, ``entries`` (36,)
-        of m/s^2, rad/s^2 and their like, the square root of the diagonal of Sigma_D. What is zero has the logarithm
-        -inf and no slope, and stays zero.
+        of m/s^2, rad/s^2 and their like, the square root of the diagonal of Sigma_D. A value of zero has the logarithm
+        -inf and no gradient, and stays zero.
     """
     values = {name: getattr(params.joint, name) for name in JOINT_NAMES}
     values |= {"density": params.bias.density, "wrench_std": jnp.sqrt(params.bias.wrench_variance)}
@@ -121,15 +121,15 @@ def unconstrain(params: Params) -> dict[str, Array]:
 
 
 def constrain(params: Params, logs: Mapping[str, Array]) -> Params:
-    """Parameters with the noise whose logarithms are given; the inverse of ``unconstrain``, to be differentiated.
+    """Parameters with the noise whose logarithms are given; differentiable, the inverse of ``unconstrain``.
 
     Args:
-        params: the rest.
-        logs: name -> logarithms, (n,) of rad and rad/s, (6,) of N and Nm or (36,), as ``unconstrain`` gives them: all,
-            or some. In place of ``entries`` the four parts of ``[data_noise]`` do as well, (3,) each.
+        params: values of everything else.
+        logs: name -> logarithms, (n,) of rad and rad/s, (6,) of N and Nm or (36,), for all or some names that
+            ``unconstrain`` returns. The four parts of ``[data_noise]``, (3,) each, may replace ``entries``.
 
     Raises:
-        UsageError: a name that is not one of the noise.
+        UsageError: a name that is no noise parameter, or only some of the four parts of ``[data_noise]``.
     """
     known, parts = {*JOINT_NAMES, *WRENCH_NAMES, *LANES}, set(DataNoise._fields)
     if unknown := sorted(set(logs) - known):
@@ -141,7 +141,7 @@ def constrain(params: Params, logs: Mapping[str, Array]) -> Params:
 
 
 def _noticed(name: str, tools: Sequence[Params]) -> float:
-    """The value that adds a share of the sensor's variance, on the axis of all tools where it matters most."""
+    """Value that adds a share of the sensor's variance, on the axis of all tools where it matters most."""
     if name == "entries":
         noise = {name: jnp.ones(36)}
     else:
@@ -152,18 +152,18 @@ def _noticed(name: str, tools: Sequence[Params]) -> float:
 
 
 def power(name: str) -> float:
-    """What a parameter is raised to in the variance it adds: products of rates are of second order."""
+    """Exponent of a parameter in the variance it adds: rates enter as products of two, so their exponent is 4."""
     return 4.0 if name == "angular_velocity" else 2.0
 
 
 def total_variance(params: Params) -> Array:
-    """(6,) diagonal of R."""
+    """(6,) N^2, Nm^2: diagonal of R."""
     bias = params.bias
     return jnp.diagonal(measurement_covariance(params.theta, bias.data_variance, bias.wrench_variance))
 
 
 def values_from_setup(setup: Setup) -> dict[str, np.ndarray]:
-    """What a setup states of Sigma_D, by name."""
+    """Values of Sigma_D that a setup states, by name."""
     noise = setup.data_noise
     if noise is None:
         return {}
@@ -173,7 +173,7 @@ def values_from_setup(setup: Setup) -> dict[str, np.ndarray]:
 
 
 def setup_from_values(values: dict[str, np.ndarray]) -> DataNoiseSetup | None:
-    """The section of a setup with fitted values; None if they are not of Sigma_D."""
+    """Section ``[data_noise]`` of a setup with fitted values; None if none of them is of Sigma_D."""
     if "entries" in values:
         none = np.zeros(3)
         return DataNoiseSetup(none, none, none, none, values["entries"])

@@ -1,4 +1,4 @@
-"""What logs leave open of the noise, and the sums of variances that they do determine, in the words of a setup."""
+"""Noise that logs leave undetermined, and the sums of variances that they do determine, in terms of a setup's keys."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -23,7 +23,7 @@ _GROUPS = {
 
 
 def labels(name: str, lanes: np.ndarray) -> list[str]:
-    """Names of one parameter's free values, as in the setup, by the number (N,) of each of its entries; -1 = none."""
+    """Names of a parameter's free values, as in the setup; ``lanes`` (N,): free value of each entry, -1 = none."""
     count, key = len(np.unique(lanes[lanes >= 0])), key_of(name)
     if name == VIBRATION:
         return [f"{key}[joint {i // 6 + 1} {AXES[i % 6]}]" for i in np.flatnonzero(lanes >= 0)]
@@ -33,13 +33,13 @@ def labels(name: str, lanes: np.ndarray) -> list[str]:
 
 
 def combination_errors(information: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """(...) standard errors of combinations (..., P) of the logarithms; what is open counts with an error of 1."""
+    """(...) standard errors of combinations (..., P) of the logarithms; undetermined ones count with an error of 1."""
     strength, directions = np.linalg.eigh(information)
     return np.sqrt(((weights @ directions) ** 2 / np.maximum(strength, UNDETERMINED**-2)).sum(-1))
 
 
 def open_directions(information: np.ndarray, names: Sequence[str]) -> list[str]:
-    """What the data leave open by more than a factor e: numbers with what makes up for them; those without, at last."""
+    """Parameters undetermined by more than a factor e: first those that others can compensate, then single ones."""
     strength, directions = np.linalg.eigh(information)
     space = directions[:, strength <= UNDETERMINED**-2]  # (P, d)
     pivots = _pivots(space)
@@ -55,7 +55,7 @@ def open_directions(information: np.ndarray, names: Sequence[str]) -> list[str]:
 
 
 def _pivots(space: np.ndarray) -> list[int]:
-    """Coordinates (d of P) that a subspace can set at will: the first ones, but none that it hardly moves."""
+    """Indices of d of P coordinates that parametrise a d-dimensional subspace: the first ones that it moves enough."""
     rest, pivots = space.copy(), []
     for _ in range(space.shape[1]):
         moved = (rest**2).sum(1)
@@ -67,20 +67,20 @@ def _pivots(space: np.ndarray) -> list[int]:
 
 
 class DeterminedSums(NamedTuple):
-    """Sums of variances, with the standard errors of their square roots, relative; inf = not determined."""
+    """Sums of variances, with the relative standard errors of their square roots; inf = not determined."""
 
     total: np.ndarray
-    """(S, 6) N^2, Nm^2: diagonal of R for each tool."""
+    """(S, 6) N^2, Nm^2: diagonal of R for each of S tools."""
     total_stderr: np.ndarray
     force: np.ndarray
-    """(3,) (m/s^2)^2 of a - g: linear acceleration and direction of gravity together; (0,) if entries were fitted."""
+    """(3,) (m/s^2)^2: variance of a - g, from linear_acceleration and gravity_direction; (0,) with fitted entries."""
     force_stderr: np.ndarray
 
 
 def sentences(tools: Sequence[Params], groups: dict[str, np.ndarray], sums: DeterminedSums) -> tuple[str, ...]:
-    """One sentence for each sum that the data determine: what it is made of, and how large it is.
+    """One sentence for each sum that the data determine, with its terms and its value.
 
-    ``groups`` says which free value, from 0, each lane of each fitted part of Sigma_D has.
+    ``groups`` has, for each fitted part of Sigma_D, the index of the free value of each lane, counted from 0.
     """
     said = []
     if len(sums.force):
@@ -101,13 +101,12 @@ def sentences(tools: Sequence[Params], groups: dict[str, np.ndarray], sums: Dete
 
 
 def _sentence(who: str, made_of: str, variance: float, stderr: float, unit: str) -> list[str]:
-    """The sentence about one sum, if the data determine it."""
     std = float(np.sqrt(variance))
     return [f"{who}: {made_of} = s^2, s = {std:.4g} ± {stderr * std:.2g} {unit}"] if np.isfinite(stderr) else []
 
 
 def _terms(params: Params, groups: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray]]:
-    """Monomials of the fitted parts of Sigma_D, and what one unit of each adds to R (6,)."""
+    """Monomials of the fitted parts of Sigma_D, and the variance (6,) that one unit of each adds to R."""
     weight = np.asarray(reduced_observation_matrix(params.theta)) ** 2
     if "entries" in groups:
         return [(f"entries[{entry}]^2", weight[:, entry]) for entry in range(36)]

@@ -1,1 +1,1 @@
-"""What ``identify`` is made of: bodies that can exist, what a motion shows of them, mountings, poses, the sensor."""
+"""Parts of ``identify``: physically consistent tools, what a motion determines of them, mountings, poses, channels."""

@@ -1,9 +1,9 @@
-"""Gains of a sensor's channels and leaks between them, from a log that turns a known tool.
+"""Gains of a sensor's channels and crosstalk between them, from a log that turns a known tool.
 
 reading = M W - bias, with M = 1 + E. Each row of E is a ridge regression of what the tool does not explain on the loads
-of all six channels. A few poses say little, and errors that vary slowly look like leaks: so the errors are a
-first-order Gauss-Markov process beside white noise, the bias may drift, and how large the entries of E may be is one
-number for the sensor, the likeliest. Blocks of the log that are left out have the last word. A setup states M by its
+of all six channels. A few poses constrain E little, and errors that vary slowly mimic crosstalk: so the errors are a
+first-order Gauss-Markov process plus white noise, the bias may drift, and the prior size of the entries of E is one
+number for the sensor, the likeliest. Held-out blocks of the log decide whether M is accepted. A setup states M by its
 effects ``gain`` and ``crosstalk``.
 """
 
@@ -26,75 +26,75 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES, Array
 
 LEVER = np.where(np.arange(6) < 3, 1.0, 0.1)
-"""m: forces and torques of a tool are related by a lever of about this length."""
+"""1, and m: forces and torques of a tool are related by a lever arm of about 0.1 m."""
 UNITS = LEVER[:, None] / LEVER[None]
-"""(6, 6) 1, N/Nm, Nm/N: entries of E are so much larger or smaller than those of forces on forces."""
+"""(6, 6) 1, N/Nm, Nm/N: scale of the entries of E, relative to those of forces on forces."""
 SHARES = np.array([0.0, 0.003, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2])
-"""Standard deviations of the entries of E that are tried, in UNITS. Data sheets promise 0.01 to 0.05."""
+"""Prior standard deviations of the entries of E to try, in UNITS. Data sheets promise 0.01 to 0.05."""
 MEAN_SECONDS, MOST_MEANS = 0.25, 300
-"""s and number of the means that a log is reduced to."""
+"""Length in s, and largest number, of the means that a log is reduced to."""
 LEAST_GAIN = 6.0
-"""nats over E = 0, below which there is nothing to hold out blocks for."""
+"""nats that E must gain over E = 0, besides the gain on held-out blocks."""
 STANDARD_ERRORS = 3.0
-"""By which blocks that were left out must be likelier."""
+"""Standard errors by which held-out blocks must be likelier."""
 WHITE, SLOW, TIMES = 6, 10, 10
-"""How many standard deviations of white noise and of slow errors, and correlation times, are tried. Times are up to a
+"""Numbers of standard deviations of white noise and of slow errors, and of correlation times, to try. Times are up to a
 third of the log: what lasts longer is bias and drift."""
 WIDE = 30.0
-"""Prior of the bias, in the range of the readings."""
+"""Prior standard deviation of the bias, in units of the range of the readings."""
 
 
 class Channels(NamedTuple):
-    """How the channels of a sensor read loads."""
+    """Gains and crosstalk of a sensor's channels."""
 
     matrix: Array
-    """(6, 6) M, what is read for each load that the setup predicts; 1 on the diagonal where nothing is wrong."""
+    """(6, 6) M, reading per load that the setup predicts; 1 on the diagonal where nothing is wrong."""
     stderr: Array
-    """(6, 6)."""
+    """(6, 6) standard errors of M."""
     gain: float
     """nats of the likelihood over M = 1."""
     held_out: tuple[float, float]
-    """nats that M gains on blocks left out, and its standard error."""
+    """nats that M gains on held-out blocks, and its standard error."""
 
     @property
     def shown(self) -> bool:
-        """Whether the log shows M: predicts blocks that were left out better than with M = 1."""
+        """Whether the log supports M: held-out blocks are predicted better than with M = 1."""
         gain, error = self.held_out
         return self.gain > LEAST_GAIN and gain > STANDARD_ERRORS * error
 
 
 class Means(NamedTuple):
-    """Means of a log over N stretches of time, in each piece between two zeroings."""
+    """Means of a log over N intervals of time, in each piece between two tares."""
 
     t: Array
     """(N,) s."""
     piece: Array
-    """(N,) number of zeroings before."""
+    """(N,) number of tares before."""
     load: Array
     """(N, 6) N, Nm, without their mean."""
     y: Array
-    """(N, 6) N, Nm, the measured bias, tool - reading, without its mean."""
+    """(N, 6) N, Nm, the measured bias, tool wrench minus reading, without its mean."""
     prior_std: Array
-    """(2, 6) of bias and drift."""
+    """(2, 6) prior standard deviations of bias and drift."""
 
 
 class Posterior(NamedTuple):
-    """What six channels show, for S of SHARES and G sets of noise, with bias, drift and E integrated out."""
+    """Posterior of E for S of SHARES and G sets of noise, with bias and drift integrated out."""
 
     nats: Array
-    """(S, G, 6)."""
+    """(S, G, 6) log evidence of each channel, with E integrated out."""
     mean: Array
-    """(S, G, 6, 6) of the coefficients of the loads, for each channel."""
+    """(S, G, 6, 6) coefficients of the loads, for each channel."""
     variance: Array
-    """(S, G, 6, 6)."""
+    """(S, G, 6, 6) of these coefficients."""
 
 
 @in_float64
 def fit_channels(t: Array, load: Array, measured: Array, drift_std: Array, zeroed_at: tuple[float, ...]) -> Channels:
-    """Fit M to a log: t (T,) s, load (T, 6) that the setup expects to be read, measured (T, 6) load - reading, N, Nm.
+    """Fit M to a log: t (T,) s, load (T, 6) that the setup predicts, measured (T, 6) load - reading, N, Nm.
 
-    NaN = not measured. ``drift_std`` (6,) N/s, Nm/s is the prior of the bias's drift; at the times given, s, the sensor
-    was set to zero.
+    NaN = not measured. ``drift_std`` (6,) N/s, Nm/s is the prior of the bias's drift; ``zeroed_at`` are the times, s,
+    at which the sensor was set to zero.
     """
     means = _means(t, load, measured, drift_std, zeroed_at)
     if means is None:
@@ -125,7 +125,7 @@ def _log_mean(x: Array, axis: int) -> Array:
 
 
 def _means(t: Array, load: Array, measured: Array, drift_std: Array, zeroed_at: tuple[float, ...]) -> Means | None:
-    """The log, reduced; None if it is too short or a channel was not measured."""
+    """The log reduced to means; None if it is too short or a channel was not measured."""
     span = t[-1] - t[0]
     number = int(min(span / MEAN_SECONDS, MOST_MEANS))
     seen = np.isfinite(measured).all(1) & np.isfinite(load).all(1)
@@ -133,11 +133,10 @@ def _means(t: Array, load: Array, measured: Array, drift_std: Array, zeroed_at: 
         return None
     piece: Array = np.searchsorted(np.array(sorted(zeroed_at)), t)
     stretch = np.minimum((t - t[0]) / span * number, number - 1).astype(int)
-    joined = (stretch + number * piece)[seen]  # a stretch with a zeroing in it counts as two
+    joined = (stretch + number * piece)[seen]  # an interval with a tare in it counts as two
     _, index, count = np.unique(joined, return_inverse=True, return_counts=True)
-    full = np.flatnonzero(
-        4 * count >= 3 * count.max()
-    )  # what the filter rejects tells that its neighbours are no better
+    # Where the filter rejected samples, their neighbours are no better.
+    full = np.flatnonzero(4 * count >= 3 * count.max())
     columns = np.concatenate([t[:, None], piece[:, None], load, measured], 1)[seen].T
     means = np.stack([np.bincount(index, column) / count for column in columns], 1)[full]
     w, y = (x - x.mean(0) for x in (means[:, 2:8], means[:, 8:]))
@@ -146,7 +145,7 @@ def _means(t: Array, load: Array, measured: Array, drift_std: Array, zeroed_at: 
 
 
 def _noises(means: Means) -> Grid:
-    """Standard deviations of white noise and of slow errors, and correlation times, to be tried; (G, 6)."""
+    """Standard deviations of white noise and of slow errors, and correlation times, to try; (G, 6)."""
     t, y = means.t, means.y
     pieces: Array = means.piece[:, None] == np.unique(means.piece)
     columns = np.column_stack([pieces, t - t[0], means.load])
@@ -159,14 +158,14 @@ def _noises(means: Means) -> Grid:
 
 
 def _posterior(means: Means, grid: Grid, shares: Array, seen: Array | None = None) -> Posterior:
-    """What the channels show by the stretches that are seen (N,), None = all, for standard deviations (S,) of E.
+    """Posterior of E given the means that are ``seen`` (N,), None = all, for prior standard deviations ``shares`` (S,).
 
-    The filter of bias and slow errors is linear, so it whitens readings and loads alike, and E is a ridge regression
-    of the one on the others.
+    The filter of bias and slow errors is linear, so it whitens readings and loads alike, and E is a ridge regression of
+    the whitened readings on the whitened loads.
     """
     count = len(grid.std)
     constant, pull, information = np.zeros((count, 6)), np.zeros((count, 6, 6)), np.zeros((count, 6, 6, 6))
-    for piece in np.unique(means.piece):  # a zeroed sensor has a bias of its own
+    for piece in np.unique(means.piece):  # the bias begins anew where the sensor is tared
         rows = means.piece == piece
         out = np.zeros(len(means.t), bool) if seen is None else ~seen
         t, out = means.t[rows], out[rows]
@@ -188,7 +187,7 @@ def _posterior(means: Means, grid: Grid, shares: Array, seen: Array | None = Non
 
 
 def _filtered(t: Array, y: Array, grid: Grid, prior_std: Array) -> Filtered:
-    """The filter of means (N, 6) as of moments in the middle of their stretches; lengths share a few programs."""
+    """Filter means (N, 6) as values in the middle of their intervals; padding lets lengths share a few programs."""
     more = room_for(len(t), 64) - len(t)
     y = np.pad(y, [(0, more), (0, 0)], constant_values=np.nan)
     moments = block_filter.Means(np.zeros(()), np.pad(t, (0, more), mode="edge"), y, np.ones_like(y))
@@ -200,7 +199,7 @@ _program = keep_program()(filter_blocks)
 
 
 def _gains_of_blocks(means: Means, noise: Grid, share: float) -> Array:
-    """(B,) nats by which a block is likelier, given all others, than with E = 0."""
+    """(B,) nats by which a block, given all others, is likelier than with E = 0."""
     block = block_of(means.t - means.t[0])
 
     def gain(seen: Array) -> float:
@@ -211,11 +210,11 @@ def _gains_of_blocks(means: Means, noise: Grid, share: float) -> Array:
 
 
 def find_channels(setup: Setup, log: Log) -> Channels:
-    """How the channels read what the setup expects, by a log that turns the tool.
+    """Gains and crosstalk of a sensor's channels, from a log that turns the tool.
 
     Args:
-        setup: with the tool of the log.
-        log: of free motion.
+        setup: setup with the tool of the log.
+        log: log of free motion.
     """
     result, _ = filtered_with(replace(setup, bias=replace(setup.bias, adapt=True)), log)
     measured = result.wrench_tool - (result.wrench_unbiased - result.bias)
@@ -226,7 +225,7 @@ def find_channels(setup: Setup, log: Log) -> Channels:
 
 
 def with_channels(setup: Setup, found: Channels) -> Setup:
-    """The setup with gains and leaks beside those it has; as it is if the log does not show any."""
+    """The setup with these gains and crosstalk applied to those it states; unchanged if the log shows none."""
     if not found.shown:
         return setup
     matrix = found.matrix @ _stated(setup)
@@ -240,7 +239,7 @@ def with_channels(setup: Setup, found: Channels) -> Setup:
 
 
 def channels_in_words(found: Channels) -> list[str]:
-    """Lines that tell what was found."""
+    """Lines that describe the gains and crosstalk."""
     nats = f"{found.held_out[0]:.0f} ± {found.held_out[1]:.0f} nats on blocks left out"
     if not found.shown:
         return [f"gains and crosstalk: not shown by this log ({nats}), not written"]
@@ -252,7 +251,7 @@ def channels_in_words(found: Channels) -> list[str]:
 
 
 def _stated(setup: Setup) -> Array:
-    """(6, 6) what the setup states already: crosstalk after gain."""
+    """(6, 6) product that the setup already states: crosstalk after gain."""
     values = values_from_setup(setup.effects, setup.path, catalogue_of_setup(setup))
     gain, leak = np.eye(6), np.eye(6)
     if "gain" in values:

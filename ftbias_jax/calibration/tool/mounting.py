@@ -1,4 +1,4 @@
-"""The quarter turn from which a sensor's mounting is searched, by the direction of its weight alone."""
+"""The axis-parallel rotation from which a sensor's mounting is searched, from the direction of its weight alone."""
 
 import numpy as np
 from jaxtyping import Float
@@ -7,24 +7,25 @@ from ftbias_jax.check.mounts import ROTATIONS
 from ftbias_jax.types import Array
 
 CLEARLY = 0.8
-"""Another start than the one stated must leave less than this share of the squares that the stated one leaves."""
+"""Share of the stated mounting's sum of squares that another start must stay below."""
 CERTAIN = 3.0
-"""Standard errors."""
+"""Standard errors by which a mass must be positive to count, or negative to exclude the stated mounting."""
 LEAST_TURN = 0.02
-"""rad, rms that the direction of gravity must turn in the sensor for its mounting to be in question."""
+"""rad, rms rotation of gravity in the sensor frame below which the mounting is not questioned."""
 MOST_ROWS = 4000
-"""Samples that are looked at, evenly spread."""
+"""Largest number of samples used, evenly spaced."""
 
 
 def likely_rotation(
     columns: Float[Array, "T 6 4"], wrench: Float[Array, "T 6"], t: Float[Array, " T"], std: Float[Array, " 6"]
 ) -> Float[Array, "3 3"]:
-    """The axis rotation Q of the sensor, v_stated = Q v_true, from which the search should start.
+    """The axis-parallel rotation Q of the sensor, v_stated = Q v_true, from which the search should start.
 
-    For each rotation mass, first moment, bias and a steady drift are fitted by least squares to the turned reading, all
-    with one factorisation. Masses that are not surely positive do not count; as stated, those that are negative. The
-    columns (T, 6, 4) are the derivatives of the wrench by mass and first moment, axes of the sensor as stated; rows of
-    the wrench (T, 6) N, Nm with NaN are left out; the mean noise over forces and torques weighs them.
+    For each rotation, mass, first moment, bias and a steady drift are fitted by least squares to the rotated reading,
+    all with one factorisation. Rotations count if their mass is significantly positive, the stated one unless it is
+    significantly negative. Columns (T, 6, 4) are the derivatives of the wrench with respect to mass and first moment,
+    stated sensor axes; rows of the wrench (T, 6) N, Nm with NaN are left out; the mean noise of forces and torques
+    weights them.
     """
     rows = np.flatnonzero(np.isfinite(wrench).all(1))
     if not len(rows):
@@ -50,6 +51,6 @@ def likely_rotation(
 
 
 def _without_line(x: Array, time: Array) -> Array:
-    """Columns x (T, 6, k) less the constant and the steady drift that fit them best; time (T,) has mean zero."""
+    """Columns x (T, 6, k) minus their best-fitting constant and steady drift; time (T,) has mean zero."""
     slope = np.einsum("t,tak->ak", time, x) / (time @ time)
     return x - x.mean(0) - time[:, None, None] * slope

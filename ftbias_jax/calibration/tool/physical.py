@@ -1,7 +1,7 @@
-"""Tools that can exist, as the search for one sees them: log-Cholesky coordinates, a prior, a quadratic cost.
+"""Physically consistent tools for a search: log-Cholesky coordinates, a prior, a quadratic cost.
 
-The coordinates fall apart into mass (the first), inertia about the centre of mass for each kg (the next six) and centre
-of mass (the last three), so each of them can be kept where it is.
+The coordinates separate into mass (the first), inertia about the centre of mass per kg (the next six) and centre of
+mass (the last three), so each of them can be held fixed.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from ftbias_jax.model.wrench.tool_wrench import tool_parameters
 from ftbias_jax.runtime.kept_programs import keep_program
 
 RADIUS = 0.05
-"""m, size of the sphere a point mass is taken for: log-Cholesky coordinates need a body with volume."""
+"""m, radius of the sphere that replaces a point mass, because log-Cholesky coordinates need a body with volume."""
 NAMES = ("mass", "com_x", "com_y", "com_z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 UNITS = ("kg", "m", "m", "m", *["kg m^2"] * 6)
 PRIOR_STD = np.array([1.5, 1.0, 1.0, 1.0, 0.1, 0.1, 0.1, 0.3, 0.3, 0.3])
-"""Of the log-Cholesky coordinates: factors for mass and size, m for skew and centre of mass."""
+"""Prior standard deviations of the coordinates: log factors for mass and size, m for skew and centre of mass."""
 COORDINATE = {"mass": 0, "com_x": 7, "com_y": 8, "com_z": 9}
-"""Log-Cholesky coordinate that is, but for its scale, this parameter alone."""
+"""Index of the log-Cholesky coordinate that depends, apart from its scale, on this parameter alone."""
 OF_INERTIA = slice(1, 7)
 """Coordinates of the inertia about the centre of mass."""
 FIXED = 1e-9
-"""Prior of a coordinate that stays where it is."""
+"""Prior standard deviation of a coordinate that is held fixed."""
 
 
 class Quadratic(NamedTuple):
     """Half the sum of squared innovations over some samples, as a function of the parameters."""
 
     at: np.ndarray
-    """(P,) where it was expanded."""
+    """(P,) parameters at which it is expanded."""
     pull: np.ndarray
     """(P,) gradient there."""
     information: np.ndarray
-    """(P, P)."""
+    """(P, P) Hessian."""
     constant: float
     """Value there."""
 
@@ -67,7 +67,7 @@ def total(parts: list[Quadratic]) -> Quadratic:
 
 
 def most_likely(cost: Quadratic, x: np.ndarray, prior: Prior) -> np.ndarray:
-    """Minimum of a quadratic cost and a prior over physically consistent tools, by Levenberg-Marquardt."""
+    """Coordinates (P,) of the physically consistent tool that minimises cost plus prior, by Levenberg-Marquardt."""
 
     def penalised(x: np.ndarray) -> float:
         return cost(parameters_at(x)) + float((((x - prior.mean) / prior.std) ** 2).sum() / 2)
@@ -79,7 +79,7 @@ def most_likely(cost: Quadratic, x: np.ndarray, prior: Prior) -> np.ndarray:
         gradient = slope.T @ (cost.pull + cost.information @ (z - cost.at)) + weight * (x - prior.mean)
         normal = slope.T @ cost.information @ slope + np.diag(weight)
         step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
-        trial = x - step / max(1.0, np.abs(step / prior.std).max())  # logarithms: a long step would overflow
+        trial = x - step / max(1.0, np.abs(step / prior.std).max())  # logarithms overflow after a long step
         new = penalised(trial)
         if new < current:
             gained, x, current, damping = current - new, trial, new, damping / 10
@@ -94,7 +94,7 @@ def most_likely(cost: Quadratic, x: np.ndarray, prior: Prior) -> np.ndarray:
 
 @keep_program()
 def physical(x: Float[Array, " P"]) -> Float[Array, " P"]:
-    """(P,) log-Cholesky coordinates, then anything else -> the same with theta (10,) in front."""
+    """(P,) with theta (10,) in place of the first ten entries, its log-Cholesky coordinates."""
     return jnp.concatenate([parameters_from_log_cholesky(x[:10]), x[10:]])
 
 
@@ -114,7 +114,7 @@ def _physical_and_slope(x: Array) -> tuple[Array, Array]:
 
 
 def coordinates(theta: Float[Array, " 10"]) -> np.ndarray:
-    """(10,) log-Cholesky coordinates of a tool; a point or a rod is taken for a sphere of size RADIUS."""
+    """(10,) log-Cholesky coordinates of a tool; a point or a rod is replaced by a sphere of radius RADIUS."""
     return np.asarray(_coordinates(theta))
 
 
@@ -125,14 +125,14 @@ def _coordinates(theta: Array) -> Array:
 
 @keep_program()
 def data_sheet(theta: Float[Array, " 10"]) -> Float[Array, " 10"]:
-    """(10,) as NAMES: mass, centre of mass, inertia about it."""
+    """(10,) in the order of NAMES: mass, centre of mass, inertia about it."""
     mass, center, inertia = about_center_of_mass(theta)
     return jnp.concatenate([mass[None], center, inertia])
 
 
 @keep_program()
 def slope_of_data_sheet(x: Float[Array, " P"]) -> Float[Array, "10 P"]:
-    """Derivative of ``data_sheet`` by coordinates (P,), whose first ten are those of the tool."""
+    """Derivative of ``data_sheet`` with respect to coordinates (P,), whose first ten are those of the tool."""
     return jax.jacfwd(lambda x: data_sheet(physical(x)[:10]))(x)
 
 
@@ -142,12 +142,12 @@ def theta_of(sheet: np.ndarray) -> np.ndarray:
 
 
 def tool_units(mass: float, inertia: float = 0.0) -> np.ndarray:
-    """(10,) of theta: what a tool of this mass, kg, and size RADIUS has at most; or this inertia, kg m^2, if larger."""
+    """(10,) largest theta of a tool of this mass, kg, and size RADIUS; or this inertia, kg m^2, if it is larger."""
     return np.array([mass, *[RADIUS * mass] * 3, *[max(mass * RADIUS**2, inertia)] * 6])
 
 
 def _with_volume(theta: Array) -> Array:
-    """The same mass and centre of mass with the inertia of a sphere, if the stated one is that of a point or a rod."""
+    """The tool with the inertia of a sphere if the stated one is that of a point or a rod."""
     mass, center, inertia = about_center_of_mass(theta)
     sphere = 0.4 * mass * RADIUS**2
     principal = jnp.linalg.eigvalsh(jnp.stack([inertia[jnp.array(row)] for row in ((0, 1, 2), (1, 3, 4), (2, 4, 5))]))

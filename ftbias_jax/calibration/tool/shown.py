@@ -1,8 +1,8 @@
-"""What a motion shows of a tool, judged by the log itself: blocks of it that scatter, and blocks that are left out.
+"""What a motion determines of a tool, judged by the log itself: by the scatter over blocks, and by held-out blocks.
 
-Innovations of recorded logs are neither white nor of the stated size: vibration, delays and contact are in them. The
-scores of whole blocks say how much less the log knows than its stated noise claims, and a fit without a block says
-whether what was found there also holds elsewhere.
+Innovations of recorded logs are neither white nor of the stated size: they contain vibration, delays and contact. The
+scores of whole blocks show by how much the stated noise overstates the log's information, and a fit without a block
+shows whether its result also holds there.
 """
 
 from collections.abc import Iterable, Iterator
@@ -32,30 +32,30 @@ FEWEST_BLOCKS, MOST_BLOCKS = 8, 16
 LEAST_KNOWN = 0.5
 """A parameter is determined if its standard error is below this share of what a tool of size RADIUS could have."""
 STANDARD_ERRORS = 2.0
-"""By which what is fitted must predict the blocks that were left out better than what is stated."""
+"""Standard errors by which a fit must predict held-out blocks better than the stated values."""
 
 
 class Shown(NamedTuple):
-    """A tool fitted to what a log shows of it."""
+    """A tool fitted as far as a log determines it."""
 
     x: np.ndarray
     """(P,) coordinates."""
     prior: Prior
-    """With what is kept fixed."""
+    """Prior that holds fixed what is kept."""
     dispersion: float
-    """How many times the log's information is overstated by the noise stated."""
+    """Factor by which the stated noise overstates the log's information."""
     kept: tuple[str, ...]
     """Names of parameters that this motion does not determine at all."""
     poor: tuple[str, ...]
-    """Names of parameters that it does not determine by themselves, with the others unknown."""
+    """Names of parameters that this motion does not determine separately, with the others unknown."""
     inertia: bool
-    """Whether the log determines the inertia: predicts blocks that were left out better than with the stated one."""
+    """Whether the log determines the inertia: predicts held-out blocks better than with the stated one."""
     gain: tuple[float, float]
-    """nats that the fitted inertia gains on blocks left out, and its standard error."""
+    """nats that the fitted inertia gains on held-out blocks, and its standard error."""
 
 
 def block_of(t: np.ndarray) -> np.ndarray:
-    """Number of the block of each sample, FEWEST_BLOCKS to MOST_BLOCKS of equal length; t (T,) s begins at 0."""
+    """Index of the block of each sample, FEWEST_BLOCKS to MOST_BLOCKS of equal length; t (T,) s begins at 0."""
     count = int(np.clip(t[-1] / BLOCK_SECONDS, FEWEST_BLOCKS, MOST_BLOCKS))
     return np.minimum(t / t[-1] * count, count - 1).astype(int)
 
@@ -71,9 +71,9 @@ def in_blocks(linear: Linear, dt: np.ndarray) -> list[Quadratic]:
 
 
 def judge(parts: list[Quadratic], x: np.ndarray, prior: Prior, inertia: np.ndarray) -> Shown:
-    """Fit the tool, from coordinates x (P,), to as much as its log, in blocks, determines of it.
+    """Fit the tool, from coordinates x (P,), as far as its log, in blocks, determines it.
 
-    Where it does not determine the inertia, the one stated is kept: (6,) kg m^2, about the centre of mass.
+    If the log does not determine the inertia, the stated one is kept: (6,) kg m^2, about the centre of mass.
     """
     cost = total(parts)
     x = most_likely(cost, x, prior)
@@ -96,7 +96,7 @@ def judge(parts: list[Quadratic], x: np.ndarray, prior: Prior, inertia: np.ndarr
 
 
 def predicts_unseen(parts: list[Quadratic], found: Shown, rows: slice) -> bool:
-    """Whether coordinates that are fitted predict blocks of a log that are left out better than at their prior mean."""
+    """Whether fitted coordinates predict held-out blocks of a log better than their prior mean does."""
     held, gains = fixed(found.prior, range(*rows.indices(len(found.x)))), []
     for part, rest in _left_out(parts, found.dispersion):
         without, free = (part(parameters_at(most_likely(rest, found.x, prior))) for prior in (held, found.prior))
@@ -105,13 +105,13 @@ def predicts_unseen(parts: list[Quadratic], found: Shown, rows: slice) -> bool:
 
 
 def _left_out(parts: list[Quadratic], dispersion: float) -> Iterator[tuple[Quadratic, Quadratic]]:
-    """Each block, and the cost of all others as the log's own scatter counts it."""
+    """Each block, and the cost of all others divided by the overdispersion."""
     for part in parts:
         yield part, total([other for other in parts if other is not part]).scaled(1 / dispersion)
 
 
 def _with_error(gains: list[float]) -> tuple[float, float]:
-    """nats gained on all blocks, and the standard error of that."""
+    """nats gained over all blocks, and their standard error."""
     return float(np.sum(gains)), float(np.std(gains) * np.sqrt(len(gains)))
 
 
@@ -120,9 +120,9 @@ def _is_sure(gain: float, error: float) -> bool:
 
 
 def overdispersion(parts: list[Quadratic], x: np.ndarray, prior: Prior) -> float:
-    """How many times larger the scores of whole blocks scatter than white noise of the stated size would; 1 or more.
+    """Factor by which scores of whole blocks have more variance than white noise of the stated size would; 1 or more.
 
-    Near the optimum x (P,); directions in which the log says less than the prior are left out.
+    Near the optimum x (P,); directions in which the log is less informative than the prior are left out.
     """
     slope = slope_of_physical(x) * prior.std
     normal = slope.T @ total(parts).information @ slope
@@ -140,9 +140,9 @@ def undetermined(information: np.ndarray, units: np.ndarray, alone: bool = False
     """Names of the parameters whose standard error is larger than LEAST_KNOWN of their unit.
 
     Args:
-        information: (P, P) of theta (10,), and maybe more, for noise of the size it has.
-        units: (10,) of ``tool_units``; or (4,), if the inertia is known.
-        alone: as if all other parameters were known: then there is no information of this one at all.
+        information: (P, P) information on theta (10,), and maybe more, for noise of the size it has.
+        units: (10,) as returned by ``tool_units``; or (4,), if the inertia is known.
+        alone: as if all other parameters were known, so that only those are named of which there is no information.
     """
     count = len(units)
     information = information[:count, :count] * units[:, None] * units
@@ -155,21 +155,21 @@ def undetermined(information: np.ndarray, units: np.ndarray, alone: bool = False
 
 
 def condition(information: np.ndarray, units: np.ndarray) -> float:
-    """Condition number of what a log says about theta by itself, in units of this mass and of size RADIUS."""
+    """Condition number of a log's own information on theta, in units of this mass and of size RADIUS."""
     count = len(units)
     strength = np.linalg.eigvalsh(information[:count, :count] * units[:, None] * units)
     return float(np.sqrt(strength[-1] / max(strength[0], 1e-12 * strength[-1])))
 
 
 def fixed(prior: Prior, rows: Iterable[int]) -> Prior:
-    """The prior with these coordinates held where it has them."""
+    """The prior with these coordinates held fixed at its mean."""
     std = prior.std.copy()
     std[list(rows)] = FIXED
     return Prior(prior.mean.copy(), std)
 
 
 def _keeping(inertia: np.ndarray, cost: Quadratic, x: np.ndarray, prior: Prior) -> tuple[np.ndarray, Prior]:
-    """The most likely coordinates with this inertia, not this inertia for each kg, and the prior that holds it."""
+    """The most likely coordinates with this inertia, in kg m^2 and not per kg of mass, and the prior that fixes it."""
     held = fixed(prior, range(*OF_INERTIA.indices(len(x))))
     for _ in range(2):  # the mass hardly depends on the inertia
         held.mean[OF_INERTIA] = coordinates(jnp.asarray(_with_inertia(inertia, x)[:10]))[OF_INERTIA]
@@ -178,7 +178,7 @@ def _keeping(inertia: np.ndarray, cost: Quadratic, x: np.ndarray, prior: Prior) 
 
 
 def _with_inertia(inertia: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(P,) parameters at coordinates (P,) but for the inertia about the centre of mass, (6,) kg m^2."""
+    """(P,) parameters at coordinates (P,), but with this inertia about the centre of mass, (6,) kg m^2."""
     z = parameters_at(x)
     sheet = np.concatenate([np.asarray(data_sheet(jnp.asarray(z[:10])))[:4], inertia])
     return np.concatenate([theta_of(sheet), z[10:]])

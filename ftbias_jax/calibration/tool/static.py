@@ -1,12 +1,11 @@
 """Mass and first moment from static poses: least squares on the weight, with the bias constant or drifting.
 
 At rest the sensor reads W = D theta - b with D theta = (m s, h x s), where s = -g in the axes of the sensor, m the mass
-and h the first moment; there is nothing of the inertia in it. Between poses the bias may move as a random walk. Its
-strength and the size of the noise are the likeliest ones given what the fit leaves over (restricted likelihood), for
-every axis, or for forces and torques where the poses are few. The noise of a sample is averaged out in a reading at
-rest; what is left is hysteresis, crosstalk, errors of the pose, and gains that differ between axes: what three axes say
-of the mass then differs by more than their errors, and all errors are enlarged by what that does to the mean of them
-(DerSimonian and Laird 1986).
+and h the first moment; the inertia does not enter. Between poses the bias may move as a random walk. Its strength and
+the size of the noise have the largest restricted likelihood given the residuals, for every axis, or for forces and
+torques where the poses are few. In a reading at rest the noise of samples is averaged out; what is left is hysteresis,
+crosstalk, errors of the pose, and gains that differ between axes: the masses from the three force axes then differ by
+more than their errors, and all errors are enlarged by the effect on their mean (DerSimonian and Laird 1986).
 """
 
 from typing import NamedTuple
@@ -18,18 +17,18 @@ from ftbias_jax.setup.rotations import rotation_from_vector, skew, vector_from_r
 from ftbias_jax.types import Array
 
 STRENGTHS = np.array([0.0, *np.logspace(-3, 1, 17)])
-"""Variances of a step of the bias, in variances of the noise, that are tried."""
+"""Variances of a step of the bias to try, in units of the noise variance."""
 NATS = 3.0
-"""By which a drift must be more likely than none."""
+"""nats by which a drift must be likelier than a constant bias."""
 MAX_ITERATIONS = 30
 ENOUGH = 30
-"""Poses from which on the noise and drift of every axis are found by themselves."""
+"""Number of poses from which on noise and drift are estimated for every axis separately."""
 FEW = 1.43
-"""Three axes tell how much they differ by two degrees of freedom: as much wider three standard deviations hold 95 %."""
+"""Two degrees of freedom of the scatter of three axes: three standard deviations this much wider hold 95 %."""
 BY_CHANCE = 9.2
-"""Chi-square of what three axes say of the mass about their mean, which chance exceeds once in a hundred."""
+"""Chi-square of the masses from three axes about their mean, which chance exceeds once in a hundred."""
 UNKNOWNS = 16
-"""Mass, first moment (3), turn of the sensor (3), turn of gravity (3), bias at the first pose (6)."""
+"""Mass, first moment (3), rotation of the sensor (3), rotation of gravity (3), bias at the first pose (6)."""
 
 
 class Problem(NamedTuple):
@@ -40,54 +39,54 @@ class Problem(NamedTuple):
     wrench: Float[Array, "N 6"]
     """(N, 6) N, Nm, with the sign of the report."""
     t: Float[Array, " N"]
-    """(N,) s, or the numbers of the poses: the bias may drift in proportion to the root of their differences."""
+    """(N,) s, or the numbers of the poses: the drift of the bias grows with the root of their differences."""
     prior_std: Float[Array, " 16"]
-    """(16,) standard deviation of every unknown about its start."""
+    """(16,) standard deviation of every unknown about its starting value."""
 
 
 class Estimate(NamedTuple):
-    """What the poses say."""
+    """Unknowns estimated from the poses."""
 
     mass: float
     first_moment: Float[Array, " 3"]
     rotation: Float[Array, "3 3"]
-    """(3, 3) sensor axes as found in the sensor axes as stated."""
+    """(3, 3) estimated sensor axes in the stated sensor axes."""
     gravity: Float[Array, " 3"]
     covariance: Float[Array, "16 16"]
     information: Float[Array, "16 16"]
-    """(16, 16) of the poses alone, without prior."""
+    """(16, 16) information of the poses alone, without prior."""
     bias: Float[Array, " 6"]
     """(6,) N, Nm at the last pose."""
     bias_std: Float[Array, " 6"]
     left_out: Float[Array, "N 6"]
-    """(N, 6) N, Nm: reading of each pose less what all others predict of it, bias and drift included."""
+    """(N, 6) N, Nm: reading of each pose minus its prediction from all others, bias and drift included."""
     noise: Float[Array, " 6"]
-    """(6,) N, Nm: size of the noise."""
+    """(6,) N, Nm: standard deviation of the noise."""
     drift: Float[Array, " 6"]
-    """(6,) N, Nm: size of the bias' steps from one pose to the next; 0 = it is constant."""
+    """(6,) N, Nm: standard deviation of the bias's steps from one pose to the next; 0 = constant bias."""
     enlarged: float
-    """Factor, 1 or more, of all standard deviations, because the axes of force disagree on the mass."""
+    """Factor, 1 or more, that enlarges all standard deviations because the force axes disagree on the mass."""
     converged: bool
 
 
 class _Point(NamedTuple):
-    """Values of the unknowns; rotations are kept as such, so that no angle is too large."""
+    """Values of the unknowns; rotations are kept as matrices, so that no angle is too large."""
 
     mass: float
     first_moment: Array
     rotation: Array
     turn: Array
-    """(3, 3) from the stated to the found direction of gravity."""
+    """(3, 3) rotation from the stated to the estimated direction of gravity."""
     bias: Array
 
 
 def estimate(
     problem: Problem, mass: float, first_moment: Array, gravity: Array, rotation: Array, drifts: bool = True
 ) -> Estimate:
-    """Fit the unknowns, and the noise, in turn, until both stand still.
+    """Fit the unknowns and the noise alternately until both converge.
 
-    Start, and mean of the prior: mass in kg, first moment (3,) kg m, gravity (3,) m/s^2 in the base frame as stated,
-    and the sensor's axes (3, 3) in those stated. Without drifts the bias is constant: plain least squares.
+    The start is also the mean of the prior: mass in kg, first moment (3,) kg m, gravity (3,) m/s^2 in the base frame as
+    stated, and the sensor's axes (3, 3) in the stated ones. Without drifts the bias is constant: plain least squares.
     """
     start = _Point(mass, np.asarray(first_moment), rotation, np.eye(3), np.zeros(6))
     point, noise, drift = start, np.ones(6), np.zeros(6)
@@ -137,12 +136,12 @@ class _Solver:
         self.covariance = np.linalg.inv(self.information + np.diag(problem.prior_std**-2.0))
 
     def project(self, residual: Array) -> Array:
-        """Gradient (16,) of the likelihood by the unknowns."""
+        """Gradient (16,) of the log-likelihood with respect to the unknowns."""
         return np.einsum("iap,ia->p", self.weighted, residual)
 
     def disagreement(self, residual: Array) -> float:
-        """Factor of the standard deviation of the mass, because what each axis of force says of it, its bias free,
-        differs from what all say by more than chance; 1 = by chance."""
+        """Factor that enlarges the standard deviation of the mass because the masses from the force axes, each with a
+        free bias, differ from their mean by more than chance; 1 = by chance."""
         weights, pulls = np.zeros(3), np.zeros(3)
         for axis in range(3):
             columns = [0, 10 + axis]
@@ -158,14 +157,14 @@ class _Solver:
         return float(np.sqrt(1 + FEW**2 * between * (w**2).sum() / w.sum()))
 
     def left_out(self, residual: Array) -> Array:
-        """(N, 6) errors of the prediction of every pose from all the others: (P_ii)^-1 (P y)_i, no fit is repeated."""
+        """(N, 6) errors of predicting every pose from all the others, without further fits: (P_ii)^-1 (P y)_i."""
         pulled = np.einsum("aij,ja->ia", self.inverse, residual)
         own = np.einsum("aii->ia", self.inverse)[:, :, None] * np.eye(6)
         own = own - np.einsum("iap,pq,ibq->iab", self.weighted, self.covariance, self.weighted)
         return np.linalg.solve(own, pulled[:, :, None])[:, :, 0]
 
     def last_bias(self, first: Array, residual: Array) -> tuple[Array, Array]:
-        """(6,) bias at the last pose, from that at the first one, and its standard deviation."""
+        """(6,) bias at the last pose, given the bias at the first one, and its standard deviation."""
         reach = (self.strength * self.variance)[:, None] * self.walk[-1]  # (6, N): covariance with the readings
         gain = np.einsum("aj,aji->ai", reach, self.inverse)
         bias = first - np.einsum("ai,ia->a", gain, residual)
@@ -175,7 +174,7 @@ class _Solver:
 
 
 def weight_columns(s: Float[Array, "N 3"]) -> Float[Array, "N 6 4"]:
-    """(N, 6, 4) derivatives of the wrench by mass and first moment, at specific forces s (N, 3) m/s^2, sensor axes."""
+    """(N, 6, 4) wrench per mass and first moment, sensor axes, at specific forces s (N, 3) m/s^2, sensor axes."""
     columns = np.zeros((len(s), 6, 4))
     columns[:, :3, 0] = s
     columns[:, 3:, 1:] = -skew(s)
@@ -183,7 +182,7 @@ def weight_columns(s: Float[Array, "N 3"]) -> Float[Array, "N 6 4"]:
 
 
 def _linear(problem: Problem, point: _Point, gravity: Array) -> tuple[Array, Array]:
-    """Derivatives (N, 6, 16) of the prediction by the unknowns, and reading less prediction (N, 6)."""
+    """Derivatives (N, 6, 16) of the prediction with respect to the unknowns, and reading minus prediction (N, 6)."""
     axes = problem.rotations @ point.rotation
     down = point.turn @ gravity
     s = -np.einsum("nji,j->ni", axes, down)
@@ -198,7 +197,7 @@ def _linear(problem: Problem, point: _Point, gravity: Array) -> tuple[Array, Arr
 
 
 def _noise(problem: Problem, design: Array, residual: Array, walk: Array, drifts: bool) -> tuple[Array, Array]:
-    """Size of the noise and strength of the drift (6,) of every axis: the likeliest, restricted to residuals."""
+    """Standard deviation of the noise and strength of the drift (6,) of every axis, by restricted likelihood."""
     tried, together = (STRENGTHS, 1 if len(walk) >= ENOUGH else 3) if drifts else (STRENGTHS[:1], 3)
     groups = [slice(first, first + together) for first in range(0, 6, together)]
     free = [(np.abs(design[:, axes]).max((0, 1)) > 0) & (problem.prior_std > 1e-6) for axes in groups]
@@ -219,10 +218,10 @@ def _noise(problem: Problem, design: Array, residual: Array, walk: Array, drifts
 
 
 def _restricted(white: Array, spread_of_axis: float) -> tuple[float, float]:
-    """Restricted log-likelihood of whitened columns (N, a, p + 1), and the size of their noise.
+    """Restricted log-likelihood of whitened columns (N, a, p + 1), and the standard deviation of their noise.
 
-    The last column is the residual, those before it are of the unknowns; ``spread_of_axis`` is the log-determinant of
-    what one of the a axes was whitened by.
+    The last column is the residual, the others belong to the unknowns; ``spread_of_axis`` is the log-determinant of the
+    covariance by which one of the a axes was whitened.
     """
     flat, target = white[..., :-1].reshape(white[..., -1].size, -1), white[..., -1].ravel()
     scale = np.linalg.norm(flat, axis=0)
@@ -240,7 +239,7 @@ def _walk(t: Array) -> Array:
 
 
 def _difference(point: _Point, start: _Point) -> Array:
-    """(16,) from the start to here; the bias has no prior."""
+    """(16,) unknowns of a point minus those of the start; 0 for the bias, which has no prior."""
     turn = vector_from_rotation(start.rotation.T @ point.rotation)
     moment = point.first_moment - start.first_moment
     return np.array([point.mass - start.mass, *moment, *turn, *vector_from_rotation(point.turn), *np.zeros(6)])

@@ -1,7 +1,7 @@
-"""The bias that logs which follow should expect, by one log: a constant one, unless a drift shows and predicts better.
+"""The bias that later logs should expect, from one log: constant, unless a drift is evident and predicts better.
 
-A drift that one log shows would carry the bias away long before the next is recorded, and in seconds an error of the
-model looks like one. So a drift must be likelier and must also predict the log's own readings better.
+A drift that one log shows would carry the bias away long before the next is recorded, and within seconds a model error
+looks like one. So a drift must be likelier and must also predict the log's own readings better.
 """
 
 from dataclasses import replace
@@ -19,36 +19,36 @@ from ftbias_jax.setup.types import Setup, ToolSetup
 from ftbias_jax.types import Array
 
 STEADY, CLEARLY = 1e-3, 6.0
-"""sigma_Q of a bias that does not drift, in the stated one, and nats by which one that drifts must be likelier."""
+"""Factor of the stated sigma_Q for a bias that does not drift, and nats by which one that drifts must be likelier."""
 
 
 class SteadyBias(NamedTuple):
-    """Prior of logs that follow; (6,)."""
+    """Prior of the bias in later logs; (6,)."""
 
     value: Array
-    """N, Nm."""
+    """N, Nm, bias."""
     std: Array
-    """N, Nm."""
+    """N, Nm, its standard deviation."""
     drift_std: Array
-    """N/s, Nm/s, of the drift with which they begin."""
+    """N/s, Nm/s, standard deviation of the drift with which later logs begin."""
     load_std: Array
-    """N, Nm: scatter of the tool's wrench over the poses and motions of the log."""
+    """N, Nm: standard deviation of the tool's wrench over the poses and motions of the log."""
 
     def std_with_tool(self, tool: ToolSetup) -> Array:
-        """(6,) N, Nm: standard deviation of the bias, with that of a tool that states its standard errors.
+        """(6,) N, Nm: standard deviation of the bias, including that of a tool that states its standard errors.
 
-        The bias was found with the tool as it is written, so at the poses of this log their errors cancel. At others
-        they do not: the next log's may be as far from these as these are from each other.
+        The bias was found with the tool as it is written, so at the poses of this log their errors cancel. At other
+        poses they do not: those of the next log may differ from these as much as these from each other.
         """
         return np.hypot(self.std, error_of_tool(self.load_std[None], tool)[0])
 
 
 def steady_bias(setup: Setup, log: Log) -> SteadyBias:
-    """The bias of a log, with what the log shows of noise and of errors that vary slowly.
+    """The bias of a log, filtered with the noise and the slow errors that the log shows.
 
-    That at the end of the log, and the stated drift, if a drift is clearly likelier than none and predicts the readings
-    better; a log of less than SHORT hardly shows how a bias moves. Otherwise a constant one, and of the drift only what
-    its noise makes of none in the time of a log.
+    It is the bias at the end of the log with the stated drift, if a drift is clearly likelier than none and predicts
+    the readings better; a log shorter than SHORT hardly shows how a bias moves. Otherwise it is a constant bias, and
+    later logs begin with the drift that sigma_Q alone builds up from zero over this log.
     """
     given = replace(setup.bias, adapt=True)
     still = replace(given, noise_density=STEADY * given.noise_density, initial_drift_std=np.zeros(6))
@@ -65,7 +65,7 @@ def steady_bias(setup: Setup, log: Log) -> SteadyBias:
 
 
 def predicts_better(one: tuple[Filtered, Params], other: tuple[Filtered, Params]) -> bool:
-    """Whether a filter predicts the readings HORIZONS ahead better than another, in the mean over axes and horizons."""
+    """Whether a filter predicts the readings HORIZONS ahead better than another, averaged over axes and horizons."""
     ratios = []
     for ahead in HORIZONS:
         errors = np.stack([prediction_errors(result, params.bias, ahead) for result, params in (one, other)])

@@ -1,4 +1,4 @@
-"""Steps of a reading, within a log that was meant to be free of contact: a tare, a touch, a load that changes."""
+"""Steps of the reading in a log that was meant to be free of contact: a tare, a touch, a load that changes."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -9,15 +9,15 @@ from ftbias_jax.io.log import Log
 from ftbias_jax.types import AXES, Array
 
 WINDOW = 5
-"""Readings on either side of a step, whose medians are compared: single readings that are off are no step."""
+"""Readings on either side of a step whose medians are compared, so that single outliers are no step."""
 LARGE = 12.0
-"""A step is so many standard deviations of what these medians differ by elsewhere in the log."""
+"""Size of a step in standard deviations of the differences of these medians elsewhere in the log."""
 MOST = 10
-"""Steps that are looked for, the largest first; a log with more of them is one of contact."""
+"""Number of steps that are searched for, the largest first; a log with more of them is one of contact."""
 LASTING, SCATTER = 1.0, 0.2
-"""s that the levels before and after a step must last, and how much readings may scatter about them, per step."""
+"""s that the levels before and after a step must last, and largest scatter of the readings about them, per step."""
 LEAST_GAIN = 50.0
-"""nats, as the log's own scatter counts them, that a bias free to jump must gain: three times what six numbers cost."""
+"""nats, relative to the log's own scatter, that free jumps of the bias must gain: three times what six numbers cost."""
 
 
 class Step(NamedTuple):
@@ -37,7 +37,7 @@ class Step(NamedTuple):
 def find_steps(t: Array, left: Array) -> list[Step]:
     """Steps larger than all other changes within as short a time, whose new level lasts, in the order of time.
 
-    They are those of ``left`` (T, 6) N, Nm, the reading less what the tool found explains of it; NaN = not measured.
+    They are steps of ``left`` (T, 6) N, Nm, the residual of the reading with the identified tool; NaN = not measured.
     """
     rows = np.isfinite(left).all(1)
     t, left = t[rows], left[rows]
@@ -61,7 +61,7 @@ def find_steps(t: Array, left: Array) -> list[Step]:
 
 
 def _lasts(t: Array, left: Array, row: int, change: float) -> bool:
-    """Whether one axis (T,) was at one level before ``row`` and is at another from it on: a knock comes and goes."""
+    """Whether one axis (T,) has one lasting level before ``row`` and another from it on, unlike after a knock."""
     fewest = 4 * WINDOW
     first, last = np.searchsorted(t, [t[row] - LASTING, t[row] + LASTING])
     before, after = left[max(0, min(first, row - fewest)) : row], left[row : max(last, row + fewest)]
@@ -73,11 +73,11 @@ def _lasts(t: Array, left: Array, row: int, change: float) -> bool:
 
 
 def with_steps(log: Log, steps: Sequence[Step]) -> Log:
-    """The log, at whose steps the bias begins anew, as where the sensor is set to zero."""
+    """The log with a tare at each step, so that the bias begins anew there."""
     return log._replace(rezeroed_at=tuple(sorted({*log.rezeroed_at, *(step.time for step in steps)})))
 
 
 def is_gained(log: Log, before: float, after: float) -> bool:
-    """Whether innovations, in units of the noise stated, are smaller with steps by more than chance explains."""
+    """Whether steps reduce the innovations, in units of the stated noise, by more than chance explains."""
     nats = np.isfinite(log.wrench).sum() / 2 * (before**2 - after**2) / after**2
     return bool(nats > LEAST_GAIN)

@@ -1,1 +1,1 @@
-"""What held-out data say about a cause."""
+"""Evidence for causes from held-out data: gains, parameters with standard errors, the remaining gap and the verdict."""

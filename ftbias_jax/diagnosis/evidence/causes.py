@@ -1,7 +1,7 @@
-"""Causes and candidates of a search in parameters and words, each judged on blocks that its fit has not seen.
+"""Causes and candidates of a search with parameters and explanations, each judged on blocks held out from its fit.
 
-Beside each cause stand the effects that explain the log as well, and why it may be something else, although it fits:
-because it can take nearly any shape, and what that is instead.
+Each cause is listed with its twins, the effects that explain the log equally well, and with a doubt: what it may be
+instead although it fits, because it can take nearly any shape.
 """
 
 from collections.abc import Sequence
@@ -26,42 +26,42 @@ from ftbias_jax.model.effects.types import Effect
 CANDIDATES = 12
 
 DOUBTS = {Step: series.doubt, Touches: touches.doubt, Pull: pulls.doubt, Entries: entries.doubt}
-"""Search of an effect -> (problem, fit, its hypothesis) -> why it may be something else, in words; "" = it may not."""
+"""Search of an effect -> (problem, fit, its hypothesis) -> why it may be something else, in words; "" = no doubt."""
 
 
 class Answer(NamedTuple):
-    """What explains the logs."""
+    """Result of a search: what explains the logs, and the gap with and without it."""
 
     problem: Problem
     hold_out: Judge
     base: Fit
-    """The nominal model."""
+    """Fit of the nominal model."""
     found: tuple[Finding, ...]
-    """What single samples show."""
+    """Findings from single samples."""
     start: Fit
-    """The nominal model, with the effects of a drafted tool that stay."""
+    """The nominal model with the accepted effects of a drafted tool."""
     accepted: Fit
-    """The effects of the catalogue that stay."""
+    """Fit of all accepted effects of the catalogue."""
     rounds: list[list[Scored]]
-    """Candidates of each, the accepted one first."""
+    """Candidates of each round of the search, the accepted one first."""
     before: HeldOut
     """The nominal model on held-out blocks."""
     after: HeldOut
-    """Effects and terms there."""
+    """The model with all accepted effects and terms on held-out blocks."""
     gap: Gap
     total: float
-    """Mean square gap in noise variances, of which causes remove shares."""
+    """Mean square gap in noise variances: the denominator of the share that each cause removes."""
     terms: tuple[FoundTerm, ...] = ()
-    """Of what the catalogue does not explain."""
+    """Terms fitted to what the catalogue does not explain."""
     doubt: str = ""
-    """Why the only cause may be something else: a term does as well."""
+    """Why the only cause may be something else: a term explains the logs equally well."""
 
 
 def causes_of(answer: Answer) -> tuple[Candidate, ...]:
-    """Accepted hypotheses with their twins, and what was read off the samples; the larger gap first.
+    """Accepted hypotheses with their twins, and findings from single samples; the group with the larger gap first.
 
-    Each cause is judged by what it removes beside those before it. Effects of a drafted tool were fitted beside all
-    others: they come last, and are judged by what the answer loses without them.
+    Each cause is judged by what it removes on top of the causes before it. Effects of a drafted tool were fitted
+    together with all others: they come last, and are judged by what the fit loses without them.
     """
     problem, accepted, of_tool = answer.problem, answer.accepted, len(answer.start.hypotheses)
     of_mean, previous = list[Candidate](), answer.base
@@ -82,7 +82,7 @@ def causes_of(answer: Answer) -> tuple[Candidate, ...]:
 
 
 def in_order(answer: Answer, causes: Sequence[Candidate]) -> list[Candidate | FoundTerm]:
-    """Causes and terms as they are told: what explains the mean reading before what single samples show beside it."""
+    """Causes and terms as reported: effects on the mean reading first, then those found in single samples."""
 
     def is_beside(one: Candidate | FoundTerm) -> bool:
         effect = answer.problem.catalogue[one.effect] if isinstance(one, Candidate) else None
@@ -93,10 +93,10 @@ def in_order(answer: Answer, causes: Sequence[Candidate]) -> list[Candidate | Fo
 
 
 def _comes_first(effect: Effect) -> bool:
-    """Whether what samples show of an effect is told before what explains the mean reading, however large that is.
+    """Whether an effect found in single samples is reported before those on the mean reading, whatever the gap.
 
-    What is cut off is missing from the mean reading, too, and much else can look like that. Noise that changes over
-    the log is what all else is judged by.
+    Saturated readings are missing from the mean reading too, and many other effects can mimic that. Noise that changes
+    over the log is the reference by which everything else is judged.
     """
     return isinstance(effect.fit.search, Samples) and effect.fit.search.first
 
@@ -104,7 +104,7 @@ def _comes_first(effect: Effect) -> bool:
 def _fitted(
     answer: Answer, found: Fit, h: Hypothesis, held: HeldOut, worse: Fit, twins: tuple[str, ...] = ()
 ) -> Candidate:
-    """A hypothesis of a fit, with what it gains and removes beyond another fit on blocks it has not seen."""
+    """A fitted hypothesis as a candidate, with its held-out gain and share of the gap relative to another fit."""
     shrink = gap_removed(answer.problem, worse.error, held.error) / max(answer.total, 1e-12)
     values, stderr = parameters(answer.problem, found, h)
     return _candidate(answer.problem.catalogue[h.effect], values, stderr, held, shrink, twins)
@@ -144,7 +144,7 @@ def _of_finding(problem: Problem, finding: Finding) -> Candidate:
 
 
 def ranking_of(answer: Answer) -> tuple[Candidate, ...]:
-    """Everything that was fitted by itself, best first, with its paired difference to the best."""
+    """Everything that was fitted separately, best first, with its paired difference to the best."""
     ranked = [_of_finding(answer.problem, finding) for finding in answer.found]
     alone = [scored.fit for scored in (answer.rounds[0][:CANDIDATES] if answer.rounds else [])]
     fitted = [(one, answer.hold_out(one, answer.base.error)) for one in alone]
@@ -157,10 +157,10 @@ def ranking_of(answer: Answer) -> tuple[Candidate, ...]:
 
 
 def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scored: list[Scored]) -> tuple[str, ...]:
-    """Effects that could stand in the place of an accepted cause, the others unchanged: at most three, best first.
+    """Twins: effects that could replace an accepted cause, the others unchanged; at most three, best first.
 
-    That an effect has more free numbers does not count against it here: the data do not separate the two. Scored are
-    the candidates of the round in which the cause was found.
+    A twin is not penalised for having more free parameters, because the data do not separate the two effects.
+    ``scored`` holds the candidates of the round in which the cause was found.
     """
     rest = accepted.beside(cause)
     named = {h.effect for h in accepted.hypotheses}
@@ -190,11 +190,11 @@ def doubt_of(problem: Problem, found: Fit, h: Hypothesis) -> str:
 
 
 def is_sure(problem: Problem, found: Fit) -> bool:
-    """Whether no cause of a fit may be something else."""
+    """Whether none of the causes of a fit is in doubt."""
     return not any(doubt_of(problem, found, h) for h in found.hypotheses)
 
 
 def doubt_by(terms: Sequence[Term]) -> str:
-    """The same of a cause that terms could take the place of, which are as good; "" = there are none."""
+    """Why a cause is in doubt because of equally good terms, as the end of a sentence; "" without terms."""
     drives = ", ".join(dict.fromkeys(term.drive for term in terms))
     return f"; or something that is not in the catalogue: a term does as well (drive: {drives})" if drives else ""

@@ -22,16 +22,16 @@ from ftbias_jax.model.wrench.inertia import without_round_off
 Parameters = dict[str, Numbers]
 
 FORM_ERROR = 0.02
-"""Share of what a parameter departs from neutral that a real effect's form may put into it: it is never quite the
-catalogue's, and no scatter of the data shows that."""
+"""Model-form error of a parameter as a share of its departure from neutral: a real effect never has exactly the
+catalogue's form, and the scatter of the data does not reveal that."""
 SHAPE_ERROR = 0.15
-"""Share of a contact's peak that its few hat functions may miss."""
+"""Share of a contact's peak force that its few tent basis functions may miss."""
 TIME_STDERR = 0.02
-"""s; a jump is somewhere between two bins, and the likelihood is not smooth in its time."""
+"""s, standard error of a jump's time: it lies between two bins, and the likelihood is not smooth in it."""
 RAMP_STDERR = 0.25
-"""Share of a jump's length within which it begins: few lengths are tried."""
+"""Standard error of a jump's start as a share of its length, because few lengths are tried."""
 START_STDERR, FADING = 0.1, 0.1
-"""s of a contact's start and end, and what its end has more, as a share of its length: it may fade."""
+"""s, standard error of a contact's start and end; share of its length that its end has more, as it may fade."""
 
 
 def parameters(
@@ -39,8 +39,8 @@ def parameters(
 ) -> tuple[Parameters, Parameters]:
     """Values and standard errors of one hypothesis of a fit, in the units of the catalogue.
 
-    With ``either``, what is found beside a matrix is the less certain the more it differs where few of its entries are
-    told, or all; and beside other effects, the more it moves where these have another form.
+    With ``either``, the errors also cover other models: beside a matrix, the difference between a fit of few of its
+    entries and of all; beside other effects, the change of the values if these have another form.
     """
     few = entries_of(problem, fit)
     if few is not None and not hypothesis.shapes:
@@ -58,7 +58,7 @@ def parameters(
     further = np.concatenate([fit.columns.moving[:0], *(_by_time_constant(problem, fit, h) for h in slow)])
     try:
         spread = covariance(problem, fit, further)
-    except np.linalg.LinAlgError:  # of columns that are no numbers, or all the same: no standard error is known
+    except np.linalg.LinAlgError:  # columns are NaN or identical, so no standard error is known
         spread = np.full((len(fit.free) + len(further) + len(fit.coefficients),) * 2, np.nan)
     if hypothesis.shapes:
         _, of_times, of_series = np.split(np.sqrt(np.diag(spread)), np.cumsum([len(fit.free), len(slow)]))
@@ -69,30 +69,30 @@ def parameters(
 
 
 def form_error(problem: Problem, effect: str) -> float:
-    """Share of what a parameter departs from neutral that the form of a real effect may put into it."""
+    """Model-form error of an effect's parameters as a share of their departure from neutral."""
     stated = problem.catalogue[effect].fit.form_error
     return FORM_ERROR if stated is None else stated
 
 
 def _by_time_constant(problem: Problem, fit: Fit, h: Hypothesis) -> np.ndarray:
-    """(1, U, 6) whitened derivative of the reading by the time constant of a slow series."""
+    """(1, U, 6) whitened derivative of the reading with respect to the time constant of a slow series."""
     slope = slope_in_time(problem, h)[:, None] * fit.coefficients[rows_of(fit, h)]
     return whitened(problem, slope[None])
 
 
 def rows_of(fit: Fit, h: Hypothesis) -> slice:
-    """Where a hypothesis has its coefficients."""
+    """Slice of the coefficients that belong to a hypothesis."""
     place = next(i for i, other in enumerate(fit.hypotheses) if other is h)
     before = sum(6 * len(other.shapes) for other in fit.hypotheses[:place])
     return slice(before, before + 6 * len(h.shapes))
 
 
 def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarray) -> tuple[Parameters, Parameters]:
-    """Standard errors from a step of one standard deviation along every principal axis of the covariance (F, F).
+    """Values, and standard errors from steps of one standard deviation along the principal axes of covariance (F, F).
 
-    All NaN if the covariance is no number. A direction that changes no parameter, such as the size of gravity, adds
-    nothing. Of the two ways along an axis the one counts that changes more: the other may end at a bound. A step
-    towards neutral adds the error of the form.
+    All errors are NaN if the covariance is not finite. A direction that changes no parameter, such as the magnitude of
+    gravity, adds nothing. The direction along an axis with the larger change counts, because the other may end at a
+    bound. A step towards neutral adds the model-form error.
     """
     signals = problem.parts[0].signals
     unknown = not np.isfinite(spread).all()
@@ -112,9 +112,9 @@ def _of_coordinates(problem: Problem, fit: Fit, h: Hypothesis, spread: np.ndarra
         if isinstance(h.detail, int):
             at = at[:, h.detail - 1]
         off = np.abs(at[1:] - at[0])
-        if name in of_time:  # a moment is not the less certain the later it is
+        if name in of_time:  # a later point in time is no less certain
             off[-1] = TIME_STDERR
-        elif effect.parameter(name).is_vector:  # what a form puts into a vector is not along its axes
+        elif effect.parameter(name).is_vector:  # the form error of a vector is not aligned with its axes
             off[-1] = np.linalg.norm(off[-1])
         either = np.maximum(*np.split(off[:-1], 2))
         found[name], errors[name] = _plain(at[0]), _plain(np.sqrt((either**2).sum(0) + off[-1] ** 2))
@@ -147,7 +147,7 @@ def _of_series(
 def _of_events(
     problem: Problem, h: Hypothesis, search: Touches, coefficients: np.ndarray, errors: np.ndarray
 ) -> tuple[Parameters, Parameters]:
-    """Events with the force at their peak, base frame: the tool is pushed by minus the change of the reading."""
+    """Events with their peak force in the base frame: the tool is pushed by minus the change of the reading."""
     events = shaped(h)
     ends = np.cumsum([one.series for one in events])[:-1]
     forces: list[Numbers] = []
@@ -176,9 +176,9 @@ def _plain(value: np.ndarray) -> Numbers:
 def correlations(problem: Problem, fit: Fit, causes: Sequence[Candidate]) -> np.ndarray:
     """(P, P) correlations between the errors of all numbers of the causes, in the order of their parameters.
 
-    For draws of what the logs allow: by the covariance of the fit of all causes together (Laplace), to first order in
-    what the coordinates make of the numbers. What was not fitted with the others, and entries of a matrix, is taken as
-    independent.
+    They serve to draw samples from the posterior: a Laplace approximation with the covariance of the joint fit of all
+    causes, mapped from coordinates to parameters to first order. Parameters that were not fitted with the others, and
+    entries of a matrix, are taken as independent.
     """
     try:
         spread = covariance(problem, fit)
@@ -204,7 +204,7 @@ def _joint(h: Hypothesis) -> int | None:
 def _derivatives(
     problem: Problem, fit: Fit, h: Hypothesis | None, cause: Candidate, name: str, spread: np.ndarray
 ) -> np.ndarray:
-    """(N, K) of the numbers of one parameter with respect to the free coordinates and the coefficients of a fit."""
+    """(N, K) derivatives of one parameter's numbers with respect to the free coordinates and coefficients of a fit."""
     count, effect = np.size(cause.parameters[name]), problem.catalogue[cause.effect]
     slopes = np.zeros((count, len(spread)))
     if h is None or isinstance(effect.fit.search, Entries | Touches):
@@ -230,9 +230,9 @@ def _derivatives(
 
 
 def with_nominal(problem: Problem, candidate: Candidate) -> Candidate:
-    """A candidate with what the setup states of its parameters, in one of its sections, and with both in a sentence.
+    """A candidate with the values that any section of the setup states of its parameters, and a sentence with both.
 
-    The tool's mass stands in [tool] and gravity in [robot]; no key states a gain.
+    The tool's mass is stated in [tool] and gravity in [robot]; no key states a gain.
     """
     if candidate.effect not in problem.catalogue:
         return candidate
@@ -245,7 +245,7 @@ def with_nominal(problem: Problem, candidate: Candidate) -> Candidate:
 
 
 def statement_of(entry: Effect, candidate: Candidate, nominal: Mapping[str, np.ndarray]) -> str:
-    """What the effect says of its parameters; of one that says nothing, its explanation and the first of them."""
+    """Sentence with the estimates, from the effect's own statement or else its explanation and its first parameter."""
     estimates = {}
     for name, value in candidate.parameters.items():
         values = np.asarray(value, float)

@@ -1,7 +1,7 @@
-"""What the numbers of one effect owe to the form of those beside it: a real effect's is never quite the catalogue's.
+"""Uncertainty of an effect's parameters due to the model form of the others, which is never quite the real one.
 
-Another form acts earlier or later, or, in a joint, differs with its angle. What that makes of the readings is fitted
-beside all else, with a prior as large as what the effect does; numbers that it moves are not known better than that.
+Another form acts earlier or later or, in a joint, varies with its angle. The resulting changes of the readings are
+fitted together with all else, with a prior as large as the effect itself; parameters they move are no better known.
 """
 
 import numpy as np
@@ -16,9 +16,9 @@ from ftbias_jax.diagnosis.regression.fit import Fit
 def spread_by_other_forms(problem: Problem, fit: Fit, h: Hypothesis) -> np.ndarray:
     """(F, F) covariance that other forms of the other effects add to the coordinates of a hypothesis, to first order.
 
-    Both by what the log leaves open of these forms, and by how far those that it shows move the coordinates.
+    It contains the posterior covariance of these forms and the shift of the coordinates by their estimates.
     """
-    # A tool is a rigid body, whatever its numbers.
+    # A tool is a rigid body whatever its parameters are, so it has no other form.
     others = [x for x in fit.hypotheses if x is not h and x.free and problem.catalogue[x.effect].stage != "tool"]
     if not others:
         return np.zeros((len(h.free), len(h.free)))
@@ -32,7 +32,7 @@ def spread_by_other_forms(problem: Problem, fit: Fit, h: Hypothesis) -> np.ndarr
 
 
 def _other_forms(problem: Problem, fit: Fit, h: Hypothesis) -> np.ndarray:
-    """(M, U, 6) whitened changes of the readings, each as large as what the hypothesis does."""
+    """(M, U, 6) whitened changes of the readings by other forms, each as large as the hypothesis's own effect."""
     with_it, without = with_and_without(problem, fit.z, h.free)
     acts = with_it - without
     rate = np.zeros_like(acts)

@@ -1,4 +1,4 @@
-"""Fits judged on blocks that they have not seen; how large the gap is, in all logs and in each; the verdict."""
+"""Fits judged on held-out blocks, the size of the gap in all logs and in each, and the verdict."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -15,40 +15,40 @@ from ftbias_jax.diagnosis.result import Gap, LogGap
 
 
 class HeldOut(NamedTuple):
-    """A fit on blocks it has not seen."""
+    """A fit evaluated on held-out blocks."""
 
     error: np.ndarray
-    """(U, 6) innovations, in standard deviations."""
+    """(U, 6) held-out innovations, in standard deviations."""
     nats: float
-    """Per second, over the reference."""
+    """Gain over the reference, nats per second."""
     nats_stderr: float
     nats_by_noise: float = 0.0
-    """Per second: how far noise, and what else the fit leaves, may have moved the gain. Less than the standard error,
-    which counts it, too, that an effect acts in some blocks more than in others."""
+    """nats per second: standard error of the gain due to noise and the remaining residuals alone; smaller than
+    ``nats_stderr``, which also contains the variation of the effect between blocks."""
 
 
 class Judge:
-    """Holds out fits of one problem; each of them once, however often and against whatever it is judged."""
+    """Evaluates fits of one problem on held-out blocks, each fit once, whatever it is compared with."""
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
-        self._errors: dict[int, tuple[Fit, np.ndarray]] = {}  # with the fit, or its id might be given again
+        self._errors: dict[int, tuple[Fit, np.ndarray]] = {}  # keeps the fit alive, so that its id is not reused
 
     def __call__(self, fit: Fit, reference: np.ndarray) -> HeldOut:
-        """A fit to all logs on blocks it has not seen; reference: (U, 6) errors of the model to compare with."""
+        """Evaluate a fit to all logs on held-out blocks; reference: (U, 6) errors of the model to compare with."""
         if id(fit) not in self._errors:
             self._errors[id(fit)] = fit, unseen_error(self._problem, fit)
         _, error = self._errors[id(fit)]
         block, duration = self._problem.block(thresholds.BLOCK_SECONDS), max(self._problem.duration, 1e-9)
-        # The change of the prediction, s = r - e, gains s^2 / 2 + s e: of these only s e is chance.
+        # The change of the prediction, s = r - e, gains s^2 / 2 + s e, of which only s e is due to chance.
         chance = np.bincount(block, ((reference - error) * error).sum(1))
         numbers = (*compared(self._problem, error, reference), np.sqrt((chance**2).sum()))
         return HeldOut(error, *(float(x / duration) for x in numbers))
 
 
 def unseen_error(problem: Problem, fit: Fit) -> np.ndarray:
-    """(U, 6) errors of each fold with the numbers fitted to the other folds, to first order around the whole fit."""
-    # What acts for a moment has every fourth bin left out: a longer block would hide all of it.
+    """(U, 6) errors of each fold with the parameters fitted to the other folds, to first order around the full fit."""
+    # For a short effect every fourth bin is held out, because a longer block would hide all of it.
     local = any(h.local or moments(problem, problem.catalogue[h.effect]) for h in fit.hypotheses)
     fold = (np.arange(len(problem.t)) if local else problem.block(thresholds.BLOCK_SECONDS)) % thresholds.FOLDS
     error = fit.error.copy()
@@ -65,14 +65,14 @@ def excess(problem: Problem, error: np.ndarray) -> np.ndarray:
 
 
 def excess_by_channel(problem: Problem, error: np.ndarray) -> np.ndarray:
-    """(6,) mean of the excess, each bin weighted by how well it tells it: not at all where joints are hardly known."""
+    """(6,) mean excess with inverse-variance weights, nearly zero for bins where the joints are poorly known."""
     return (_weights(problem) * excess(problem, error)).sum(0)
 
 
 def excess_over_quiet(problem: Problem, error: np.ndarray) -> np.ndarray:
-    """(6,) mean of the excess beyond that of the quieter half of the log, where that is below zero.
+    """(6,) mean excess beyond that of the quieter half of the log, where that is below zero.
 
-    Smooth joints are known better than a filter believes that was tuned to the whole log. Innovations are then smaller
+    Joints in smooth motion are known better than a filter tuned to the whole log assumes. Innovations are then smaller
     than expected nearly everywhere, and a mean over the log hides a few blocks in which they are far too large.
     """
     block, weights = problem.block(thresholds.BLOCK_SECONDS), _weights(problem)
@@ -83,12 +83,12 @@ def excess_over_quiet(problem: Problem, error: np.ndarray) -> np.ndarray:
 
 
 def gap_removed(problem: Problem, before: np.ndarray, after: np.ndarray) -> float:
-    """Mean square gap that is gone between two sets of errors (U, 6), in noise variances."""
+    """Decrease of the mean square gap from one set of errors (U, 6) to another, in noise variances."""
     return float((excess_by_channel(problem, before) - excess_by_channel(problem, after)).mean())
 
 
 def excess_stderr(problem: Problem, error: np.ndarray) -> float:
-    """Standard error of the mean excess over the channels, from blocks."""
+    """Standard error of the mean excess over the channels, from the scatter of blocks."""
     sums = np.bincount(problem.block(thresholds.BLOCK_SECONDS), (_weights(problem) * excess(problem, error)).mean(1))
     return float(np.sqrt(len(sums)) * sums.std())
 
@@ -100,28 +100,28 @@ def excess_by_chance(problem: Problem) -> float:
 
 
 def least_beside_joints(problem: Problem) -> float:
-    """Mean square gap, in noise variances, that errors of the joints may make, and that a cause must remove."""
+    """Least mean square gap, in noise variances, that a cause must remove, because joint errors may cause as much."""
     coherent = _of_joints(problem)
     joints = float((_weights(problem)[: len(coherent)] * coherent / problem.noise_std**2).sum(0).mean())
     return min(thresholds.SHARE_OF_JOINTS * joints, thresholds.LEADS**2)
 
 
 def nats_of_joints(problem: Problem) -> float:
-    """What a cause that follows the motion may gain by the same errors, which follow it, too.
+    """nats that a cause that follows the motion may gain from joint errors alone, because these follow it too.
 
-    A low-pass, for one, smooths them in what the model predicts.
+    A low-pass, for example, smooths these errors in the model's prediction.
     """
     coherent = _of_joints(problem)
     return thresholds.SHARE_OF_JOINTS * float((coherent / problem.variance[: len(coherent)]).sum()) / 2
 
 
 def _of_joints(problem: Problem) -> np.ndarray:
-    """(U, 6) N^2, Nm^2: variance of the bins by errors of the joints."""
+    """(U, 6) N^2, Nm^2: variance of the bins due to errors of the joints."""
     return np.concatenate([np.zeros((0, 6)), *(part.coherent for part in problem.parts)])
 
 
 def excess_by_size(problem: Problem) -> float:
-    """Standard error of the mean excess over the channels that the noise's size has, which was measured in the log."""
+    """Standard error of the mean excess over the channels due to the error of the noise level measured in the log."""
     share = (_weights(problem) * problem.variance).sum(0) / problem.noise_std**2
     return float(np.linalg.norm(2 * problem.noise_stderr / problem.noise_std * share) / 6)
 
@@ -133,15 +133,15 @@ def _weights(problem: Problem) -> np.ndarray:
 
 
 def _median(x: np.ndarray, weight: np.ndarray) -> float:
-    """The value with half of the weight below it."""
+    """Weighted median: the value with half of the weight below it."""
     order = np.argsort(x)
     return float(x[order][np.searchsorted(np.cumsum(weight[order]), weight.sum() / 2)])
 
 
 def measure_gap(problem: Problem, before: HeldOut, after: HeldOut) -> Gap:
-    """The gap on unseen blocks, without and with what was found."""
+    """The gap on held-out blocks, without and with the causes and terms found."""
     first, last = (excess_by_channel(problem, held.error) for held in (before, after))
-    # Where less is left than expected, the joints are better known than was thought: then so much was noise before.
+    # A negative remainder means that the joints are known better than assumed; it corrects the gap before as well.
     spare = np.minimum(last, 0)
     first, last = np.maximum(first - spare, 0), last - spare
     total, left = float(first.mean()), float(last.mean())
@@ -158,9 +158,9 @@ def measure_gap(problem: Problem, before: HeldOut, after: HeldOut) -> Gap:
 
 
 def is_quiet(problem: Problem, gap: Gap) -> bool:
-    """Whether there is no gap of the mean reading to speak of.
+    """Whether the gap of the mean reading is negligible or no more than chance.
 
-    Innovations scatter, and the noise that they are compared with is not known exactly: in a short log that is more.
+    Innovations scatter, and the noise level that they are compared with has an error, which is larger in a short log.
     """
     before = np.sqrt(gap.before_sigmas**2 - 1)
     chance = np.hypot(excess_by_chance(problem), excess_by_size(problem))
@@ -168,9 +168,9 @@ def is_quiet(problem: Problem, gap: Gap) -> bool:
 
 
 def is_closed(problem: Problem, gap: Gap) -> bool:
-    """Whether what is left is small for the owner and against what was there, or no more than chance.
+    """Whether the remaining gap is too small to matter, also relative to the gap before, or no more than chance.
 
-    That the noise may be larger than measured is no reason to call a gap closed.
+    The error of the measured noise level is left out: that the noise may be larger is no reason to call a gap closed.
     """
     before, after = np.sqrt(gap.before_sigmas**2 - 1), np.sqrt(gap.after_sigmas**2 - 1)
     small = max(thresholds.LEFT * before, min(thresholds.SILENT, thresholds.FAINT * before))
@@ -180,15 +180,15 @@ def is_closed(problem: Problem, gap: Gap) -> bool:
 def verdict_of(problem: Problem, gap: Gap, causes: int, found: int, sure: bool, terms: int = 0) -> str:
     """One of ``result.VERDICTS``.
 
-    Of the named ``causes``, single samples show ``found``; ``sure``: none could as well be something else; ``terms``:
-    how many describe what is not in the catalogue.
+    ``causes``: number of causes, of which ``found`` come from single samples; ``sure``: no cause is in doubt;
+    ``terms``: number of terms that describe what is not in the catalogue.
     """
     quiet = is_quiet(problem, gap)
     if not causes and not terms:
         return "none" if quiet else "unknown"
-    if causes == found and not terms:  # single samples say nothing of the mean reading
+    if causes == found and not terms:  # findings in single samples do not explain the mean reading
         return "explained" if quiet else "unknown"
-    # A gap near the noise may close by chance: the cause stands on its likelihood, the shrink on nothing.
+    # A gap near the noise may close by chance: the likelihood supports the cause, but nothing supports the shrink.
     closed, certain = is_closed(problem, gap), quiet or gap.shrink >= thresholds.CHANCE * gap.shrink_stderr
     if closed and sure and certain:
         return "described" if terms else "explained"
@@ -199,7 +199,7 @@ def verdict_of(problem: Problem, gap: Gap, causes: int, found: int, sure: bool, 
 def compare(
     problem: Problem, names: Sequence[str], accepted: Fit, before: HeldOut, after: HeldOut
 ) -> tuple[LogGap, ...]:
-    """What each log says by itself, held out without and with the causes fitted to all; nothing for a single log."""
+    """Gap and parameters of each log separately, without and with the causes fitted to all; empty for a single log."""
     if len(problem.parts) < 2:
         return ()
     found = []
@@ -222,6 +222,6 @@ def _sigmas(problem: Problem, error: np.ndarray, own: np.ndarray) -> float:
 
 
 def alone_in(accepted: Fit, own: np.ndarray) -> tuple[Fit, float]:
-    """The causes fitted to one log's bins (U,), to first order around the fit to all, and the nats this gains there."""
+    """The causes refitted to one log's bins (U,), to first order around the fit to all, and the gain there in nats."""
     columns = Columns(*(x * own[:, None] for x in accepted.columns))
     return stepped(accepted, columns, accepted.error * own[:, None])

@@ -1,4 +1,4 @@
-"""How far the reading of a model may be off by the numbers that were fitted: no noise, so the bias takes it up."""
+"""Standard error of a model's mean reading due to its fitted parameters: it is not noise, so the bias absorbs it."""
 
 from collections.abc import Collection
 
@@ -10,15 +10,15 @@ from ftbias_jax.diagnosis.regression.fit import Fit, covariance
 
 
 def stderr_of_reading(problem: Problem, found: Fit, given: Collection[str] = ()) -> np.ndarray | None:
-    """(6,) N, Nm: standard error of the mean reading by the coordinates of a fit, root mean square over the logs.
+    """(6,) N, Nm: standard error of the mean reading due to a fit's coordinates, root mean square over the logs.
 
-    To first order, J S J^T. Numbers of one effect may be uncertain together, as a cable's stiffness and length are, and
-    their pull is known well.
+    To first order, J S J^T. Parameters of one effect may each be uncertain while the reading they predict is well
+    known, as with the stiffness and the length of a cable and its pull.
 
     Args:
         problem: the logs.
         found: a fit of them.
-        given: effects whose errors stand elsewhere: S is the covariance of the others if these were known.
+        given: effects whose errors are reported elsewhere: S is the covariance of the other coordinates given these.
 
     Returns:
         None without coordinates, or where the log does not determine them.
@@ -32,7 +32,7 @@ def stderr_of_reading(problem: Problem, found: Fit, given: Collection[str] = ())
         spread = covariance(problem, found)
         beside = spread[np.ix_(own, known)]
         spread = spread[np.ix_(own, own)] - beside @ np.linalg.solve(spread[np.ix_(known, known)], beside.T)
-    except np.linalg.LinAlgError:  # of columns that are no numbers, or all the same
+    except np.linalg.LinAlgError:  # columns are NaN or identical
         return None
     columns = slopes(problem, found.z, [found.free[k] for k in own])
     variance = np.einsum("iuc,ij,juc->uc", columns, spread, columns, optimize=True)

@@ -1,8 +1,8 @@
-"""The whole matrix of leaks between channels, once it is named by the few entries that explain most.
+"""Posterior of a whole crosstalk matrix, once it is named as a cause by the few entries that explain most.
 
-Entries look alike on a log that loads few combinations of axes, and a search for few of them takes one for another. So
-what is reported of the matrix is its posterior: all entries together, each small a priori. Where that is not worth its
-numbers the few are reported, as uncertain as all of them are together.
+Entries look alike on a log that loads few combinations of axes, so a search for few of them may confuse them. Therefore
+the posterior of all entries together is reported, each with a narrow prior. Where that is not worth its parameters, the
+few entries are reported with the uncertainty of all of them together.
 """
 
 from typing import NamedTuple
@@ -19,20 +19,20 @@ from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.setup.rotations import skew
 
 ROTATIONS = np.kron(np.eye(2)[None], -skew(np.eye(3)))
-"""(3, 6, 6) leaks of a small rotation of force and torque alike, per rad from nominal axes: R^T = 1 - [r]."""
+"""(3, 6, 6) crosstalk of a small rotation of force and torque, per rad from nominal axes: R^T = 1 - [r]."""
 ARMS = np.kron([[[0, 0], [1, 0]]], skew(np.eye(3)))
-"""(3, 6, 6) leaks per m by which the point where the force acts is off, so that its torque is."""
+"""(3, 6, 6) crosstalk into the torque per m of error in the point where the force acts."""
 
 
 class Whole(NamedTuple):
-    """A fit with all E entries of a matrix that have a scale free, each small a priori. F = its coordinates."""
+    """Fit with all E entries of a matrix that have a scale free, each with a narrow prior. F = its coordinates."""
 
     fit: Fit
     matrix: Hypothesis
     covariance: np.ndarray
     """(F, F)."""
     earned: bool
-    """Whether the entries beside the few are worth their numbers."""
+    """Whether the entries added to the few are worth their parameters."""
 
     def spread(self, h: Hypothesis) -> np.ndarray:
         """Covariance of the coordinates of one hypothesis."""
@@ -40,24 +40,24 @@ class Whole(NamedTuple):
 
 
 def entries_of(problem: Problem, found: Fit) -> Hypothesis | None:
-    """What has few entries of a matrix in a fit, if anything has."""
+    """Hypothesis of a fit that has few entries of a matrix, if there is one."""
     return next((h for h in found.hypotheses if isinstance(problem.catalogue[h.effect].fit.search, Entries)), None)
 
 
 def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> Whole:
-    """Posterior of all entries of a matrix of which a fit at its best has few, the other numbers of the fit with them.
+    """Posterior of all entries of a matrix of which a converged fit has few, together with the other parameters.
 
-    A lever arm is both, leaks of forces into torques and the place of the tool's mass: what tells them apart is only
-    that leaks are small, and both are the less certain for it.
+    A lever arm appears both as crosstalk of forces into torques and as the position of the tool's mass. Only the prior
+    that crosstalk is small separates the two, which makes both less certain.
     """
     entries = movable(problem, problem.catalogue[few.effect])
     matrix = few._replace(free=tuple(entries), prior_std=ENTRY_STD)
     hypotheses = tuple(matrix if h is few else h for h in found.hypotheses)
-    # A step that may miss comes first: products of leaks and a lever arm make the way narrow for shorter ones.
+    # An undamped step comes first, because products of crosstalk and a lever arm form a narrow valley for short steps.
     z = undamped(problem, hypotheses, found)
     begun = tuple(h if h.shapes else h._replace(start=tuple(z[list(h.free)])) for h in hypotheses)
     whole = fit(problem, begun, found)
-    # Of the others the fit has the hypotheses that it was given, by which whoever calls knows them.
+    # The other hypotheses of the fit are the original objects, by which the caller identifies them.
     others = zip(found.hypotheses, begun, strict=True)
     whole = whole._replace(hypotheses=tuple(own if h is few else h for h, own in others))
     earned = _by_numbers(problem, whole) > _by_numbers(problem, found)
@@ -65,10 +65,10 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> Whole:
 
 
 def evidence(problem: Problem, found: Fit) -> float:
-    """Log evidence of a fit, nats: its likelihood less the price of its numbers and what speaks against large leaks.
+    """Log evidence of a fit in nats: its log-likelihood minus the penalties for parameters and for large crosstalk.
 
-    Few entries of a matrix have the price of any other numbers. The price of a whole matrix is how much surer the log
-    makes it than it was a priori (Laplace's approximation): entries that the log leaves open cost nothing.
+    Few entries of a matrix have the penalty of any other parameters. The penalty of a whole matrix is the information
+    gain from prior to posterior (Laplace approximation), so that entries which the log leaves open cost nothing.
     """
     few, paid = entries_of(problem, found), _by_numbers(problem, found)
     if few is None or few.prior_std != ENTRY_STD:
@@ -79,7 +79,7 @@ def evidence(problem: Problem, found: Fit) -> float:
 
 
 def _by_numbers(problem: Problem, found: Fit) -> float:
-    """The same, where all numbers have the same price."""
+    """Log evidence with the same penalty for all parameters."""
     few = entries_of(problem, found)
     entries = found.z[movable(problem, problem.catalogue[few.effect])] if few else np.zeros(0)
     unlikely = float((entries**2).sum()) / (2 * ENTRY_STD**2)
@@ -87,9 +87,9 @@ def _by_numbers(problem: Problem, found: Fit) -> float:
 
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
-    """Why leaks between the channels may be a rotation of the sensor's axes or another lever arm: they make up one.
+    """Why crosstalk may be a rotation of the sensor's axes, another lever arm, or gains: it is similar to their effect.
 
-    Unless that is fitted beside them.
+    A rotation or lever arm that is fitted with it is no reason for doubt.
     """
     whole = whole_matrix(problem, found, h)
     beside = [p for other in found.hypotheses for p in problem.catalogue[other.effect].parameters]
@@ -114,7 +114,7 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
 
 
 def share_of_gains(problem: Problem, found: Fit, h: Hypothesis) -> float:
-    """Share of what leaks do to the innovations that another gain of every channel does as well."""
+    """Share of the contribution of crosstalk to the innovations that other gains of the channels reproduce."""
     with_it, load = with_and_without(problem, found.z, h.free)
     leaked, *scaled = whitened(problem, np.concatenate([[with_it - load], load * np.eye(6)[:, None]]))
     columns = np.reshape(scaled, (6, -1)).T
@@ -128,10 +128,10 @@ def size_of_entries(effect: Effect) -> np.ndarray:
 
 
 def nearest(made: np.ndarray, matrix: np.ndarray, size: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, float]:
-    """The numbers (3,) of ROTATIONS or ARMS that leaks (6, 6) are nearest to, and the share that these make up.
+    """Coefficients (3,) of ROTATIONS or ARMS that best match crosstalk (6, 6), and the share of it that they explain.
 
-    Sizes (6, 6) are typical departures of the E entries that count, 0 of the others; what the log does not determine,
-    by the inverse covariance (E, E) in typical departures, does not count.
+    Sizes (6, 6) are typical departures of the E entries that count, 0 for the others. The inverse covariance (E, E), in
+    typical departures, is the weight, so that entries which the log does not determine do not count.
     """
     counts = size > 0
     leaks = matrix[counts] / size[counts]

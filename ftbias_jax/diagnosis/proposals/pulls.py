@@ -1,6 +1,6 @@
-"""Where a cable may be fixed: starting points of its fit, for its likelihood has many maxima.
+"""Candidate anchors of a cable, as starting points of its fit, because its likelihood has many maxima.
 
-The vector from the near to the far end is affine in the anchor, so many anchors are tried at the price of four.
+The vector from the near to the far end is affine in the anchor, so many anchors cost no more than four.
 """
 
 from collections.abc import Collection
@@ -21,23 +21,22 @@ from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array
 
 ANCHORS = 40
-"""Random places tried for each link."""
+"""Number of random anchors tried for each link."""
 FOREARM = (2, 3, 4)
 """Links that may carry the far end, counted back from the last."""
 SLACK = (0.0, 0.6, 0.9)
 """Rest lengths that are tried, as shares of the shortest distance."""
 APART = 0.25
-"""m; nearer anchors lead to the same maximum."""
+"""m; anchors nearer to each other lead to the same maximum."""
 
 
 def pulls(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:
-    """The most promising anchors of every elastic pull, with their gains in nats beside a fit."""
+    """Most promising anchors of every elastic pull, with their gains in nats over a fit."""
     wanted = searched_by(problem, taken, Pull)
     return [found for effect in wanted for found in _anchors(problem, prepared_fit, effect)]
 
 
 def _anchors(problem: Problem, prepared_fit: PreparedFit, effect: Effect) -> list[Found]:
-    """The most promising anchors in the world and on the forearm."""
     search, model = search_of(effect, Pull), problem.parts[0].signals.model
     n, reach = problem.joints, max(float(np.linalg.norm(model.arm.zero_position)), 0.5)
     attachment = neutral_of(problem, effect, search.attachment)
@@ -75,7 +74,7 @@ def _span(signals: Signals, anchor: Array, attachment: Array, link: Array, *, na
 
 
 def _spans(problem: Problem, effect: Effect, link: int, attachment: np.ndarray) -> np.ndarray:
-    """(4, U, 3) m, sensor frame: near end to the link's origin at q = 0, and what a metre of the anchor's axes adds."""
+    """(4, U, 3) m, sensor frame: near end to the link's origin at q = 0, and changes per metre of the anchor's axes."""
     corners = np.concatenate([np.zeros((1, 3)), np.eye(3)])
     fixed, what = (attachment, np.asarray(float(link))), {"name": effect.name, "catalogue": problem.catalogue}
     parts = []
@@ -91,10 +90,10 @@ def _spans(problem: Problem, effect: Effect, link: int, attachment: np.ndarray) 
 def _pulls(
     problem: Problem, spans: np.ndarray, linear: np.ndarray, anchors: np.ndarray, attachment: np.ndarray
 ) -> tuple[np.ndarray, list[float]]:
-    """Cables of 1 N/m from A anchors, each with every slack: whitened changes of the reading, and rest lengths m.
+    """Cables of 1 N/m from A anchors, each with every slack: whitened changes of the reading, and rest lengths in m.
 
-    Only the unit vectors along a cable are whitened for each anchor: the rest of its pull is linear in the anchor, and
-    in ``linear`` (4, U, 6) whitened. Returns (A S, U, 6) in single precision, S = slacks, and A S lengths.
+    Only the unit vectors along a cable are whitened for each anchor. The rest of its pull is linear in the anchor and
+    given in ``linear`` (4, U, 6), whitened. Returns (A S, U, 6) in single precision, S = slacks, and A S lengths.
     """
     linear, anchors, spans = (x.astype(np.float32) for x in (linear, anchors, spans))
     span = spans[0] + np.tensordot(anchors, spans[1:], 1)
@@ -113,14 +112,14 @@ def _on_tool(force: np.ndarray, attachment: np.ndarray) -> np.ndarray:
 
 
 def _without_slack(prepared_fit: PreparedFit, linear: np.ndarray) -> np.ndarray:
-    """(0 or 1, 3) m: the best anchor of a cable without rest length, which is linear in k and k times the anchor."""
+    """(0 or 1, 3) m: best anchor of a cable without rest length, which is linear in k and k times the anchor."""
     best = gains(prepared_fit, linear).coefficients(list(range(4)))  # k, then k times the anchor
     anchor = best[None, 1:] / max(float(best[0]), 1e-12)
     return anchor[(np.abs(anchor).max(1) < FARTHEST) & (best[0] > 0)]
 
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
-    """Why a cable may be something else: long and soft, it makes nearly any force, so that force is what is told."""
+    """Why a cable may be something else: a long, soft one makes nearly any force, so that force is reported."""
     values, stderr = parameters(problem, found, h)
     search, arm = search_of(problem.catalogue[h.effect], Pull), problem.parts[0].signals.model.arm
     apart = float(np.linalg.norm(np.asarray(values[search.anchor]) - np.asarray(arm.zero_position)))
@@ -135,7 +134,7 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
 
 
 def equivalent_force(problem: Problem, found: Fit, h: Hypothesis) -> tuple[np.ndarray, float]:
-    """(3,) N on the tool, base axes, that the pull of a fit exerts on average, and by how many N it varies."""
+    """Mean (3,) N on the tool, base axes, of the pull of a fit, and its standard deviation in N."""
     stiffness = search_of(problem.catalogue[h.effect], Pull).stiffness
     z = np.stack([found.z, found.z])
     z[1, problem.layout.slices[h.effect, stiffness]] = 0

@@ -1,7 +1,7 @@
-"""A tool on springs: at which frequency it swings, and which ways.
+"""Tool on springs: its natural frequency and the degrees of freedom in which it oscillates.
 
-The reading is nearly linear in the shares of the tool that move in each way: one linearisation at every frequency tells
-what they would gain. The usual tool, of which moves what the entry says, is tried too, and its shares are freed after.
+The reading is nearly linear in the share of the tool that moves in each of them, so one linearisation per frequency
+gives their gains. The usual tool, of which the share in the entry moves, is tried too, and its shares are freed later.
 """
 
 from collections.abc import Collection
@@ -20,21 +20,21 @@ from ftbias_jax.model.effects.fitting import Ringing
 from ftbias_jax.model.effects.types import Effect
 
 LOG_DAMPINGS = (-0.5, 1.2)
-"""Coordinates of the damping ratio."""
+"""Coordinates of the damping ratio that are tried."""
 BETWEEN = 0.5
-"""The same for one search over all: resonances are then as wide as the steps of the frequencies."""
+"""The same in one search over all frequencies: resonances are then as wide as the steps of the frequencies."""
 WAYS = (0, 1, 3, 4)
-"""Shifts along and turns about x and y; along and about z tools are stiff."""
+"""Degrees of freedom: translation along and rotation about x and y; along and about z tools are stiff."""
 LEAST_SHARE = 0.1
 
 
 class _Places(NamedTuple):
-    """Coordinates of an effect that rings."""
+    """Coordinates of an effect that oscillates."""
 
     period: int
     damping: int
     ways: list[int]
-    """Of the shares that may move."""
+    """Coordinates of the shares that may move."""
     sagging: int
 
 
@@ -46,7 +46,7 @@ def _places(problem: Problem, effect: Effect) -> _Places:
 
 
 def usual(problem: Problem, taken: Collection[str]) -> list[Hypothesis]:
-    """Starting points of a tool that moves and sags as the entry's neutral values say."""
+    """Starting points of a tool that moves and sags as the entry's neutral values state."""
     found = []
     for effect in searched_by(problem, taken, Ringing):
         search = search_of(effect, Ringing)
@@ -61,9 +61,10 @@ def usual(problem: Problem, taken: Collection[str]) -> list[Hypothesis]:
 
 
 def loose(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:
-    """The few ways of moving that matter, and the frequency, that gain most, for a tool that sags or does not.
+    """The few degrees of freedom and the frequency that gain most, for a tool that sags or does not.
 
-    A small part on soft springs sags as a larger one on stiffer springs: of equals the stiffest possible is the start.
+    A small part on soft springs sags like a larger one on stiffer springs; among equals the stiffest possible is
+    chosen.
 
     Returns:
         nats, to first order in the shares that move, and the starting point.
@@ -80,7 +81,7 @@ def loose(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -
 def _by_ways(
     problem: Problem, prepared_fit: PreparedFit, effect: Effect, tried: list[tuple[float, float]]
 ) -> np.ndarray:
-    """(N, W, U, 6) whitened derivatives by W shares that may move, none of which does yet, at N pairs (sagging, Hz)."""
+    """Whitened derivatives (N, W, U, 6) with respect to W shares, all zero yet, at N pairs (sagging, Hz)."""
     places = _places(problem, effect)
     z = np.repeat(prepared_fit.fit.z[None], len(tried) * len(WAYS) + 1, 0)
     for i, (sags, frequency) in enumerate(tried):
@@ -90,17 +91,17 @@ def _by_ways(
         rows[range(len(WAYS)), places.ways] += STEP
     *moved, still = readings(problem, z)  # where no share moves, neither frequency nor sagging matters
     change = (np.stack(moved) - still) / STEP
-    # A tool that no body can be, as may be fitted before a cause is found, may swing without bounds.
+    # A physically impossible tool, as may be fitted before a cause is found, may oscillate without bounds.
     bounded = np.abs(change).max((1, 2), keepdims=True) < np.finfo(np.float32).max
     return whitened(problem, np.where(bounded, change, 0.0)).reshape(len(tried), len(WAYS), -1, 6)
 
 
 def _stiffest(tried: list[Found]) -> Found:
-    """Of starting points of rising frequency that gain most, the last one where no more than all of the tool moves."""
+    """Of starting points in order of frequency, the last of the best ones in which at most all of the tool moves."""
     best = max(gain for gain, _ in tried)
     equal = [(gain, h) for gain, h in tried if gain >= EQUAL * best]
     possible = [(gain, h) for gain, h in equal if max(h.start[2:-1], default=0.0) <= 1]
-    gain, h = (possible or equal[:1] or tried[:1])[-1]  # nothing is near a best that gains nothing
+    gain, h = (possible or equal[:1] or tried[:1])[-1]  # none is near a best gain of 0
     return gain, h._replace(start=(*h.start[:2], *np.clip(h.start[2:-1], LEAST_SHARE, 1).tolist(), h.start[-1]))
 
 
@@ -116,14 +117,14 @@ def _loose(
 
 
 def _last(problem: Problem, found: Fit) -> tuple[Hypothesis, _Places | None]:
-    """The last hypothesis of a fit, and its coordinates if it is a tool on springs."""
+    """Last hypothesis of a fit, and its coordinates if it is a tool on springs."""
     h = found.hypotheses[-1]
     effect = problem.catalogue[h.effect]
     return h, _places(problem, effect) if isinstance(effect.fit.search, Ringing) else None
 
 
 def freed(problem: Problem, found: Fit) -> Hypothesis | None:
-    """The last hypothesis of a fit, if it is a tool on springs that may move in fewer ways, with all ways free."""
+    """Last hypothesis of a fit with all degrees of freedom free, if it is a tool on springs with fewer."""
     h, places = _last(problem, found)
     if places is None or set(places.ways) <= set(h.free):
         return None
@@ -132,27 +133,26 @@ def freed(problem: Problem, found: Fit) -> Hypothesis | None:
 
 
 def sagging(problem: Problem, found: Fit) -> Hypothesis | None:
-    """The last hypothesis of a fit, if it is a tool on springs that its weight may bend, with one that does.
+    """Last hypothesis of a fit with full sagging, if it is a tool on springs whose sagging is free.
 
-    Slow motion shows no more than how far the tool sags: stiff springs that are half balanced would say the same as
-    softer ones.
+    Slow motion only shows how far the tool sags: half-balanced stiff springs are indistinguishable from softer ones.
     """
     h, places = _last(problem, found)
     return _held(found, places.sagging, 1.0) if places and places.sagging in h.free else None
 
 
 def _held(found: Fit, place: int, value: float) -> Hypothesis:
-    """The last hypothesis of a fit with one coordinate that is not free any more."""
+    """Last hypothesis of a fit with one coordinate held instead of free."""
     h = found.hypotheses[-1]
     free = tuple(i for i in h.free if i != place)
     return h._replace(free=free, start=tuple(found.z[list(free)].tolist()), fixed=(*h.fixed, (place, value)))
 
 
 def is_plausible(problem: Problem, accepted: Fit, found: Fit) -> bool:
-    """Whether the tool on springs that a fit has more than another one needs neither of its limits.
+    """Whether the last hypothesis of a fit, if it is a tool on springs, does without its parameter limits.
 
-    What swings as slowly as it may is something else, and so is what must die away as fast as it may: with a usual
-    damping it gains less. Where nothing rings the damping does not matter, and may be anything.
+    An oscillation at the lowest allowed frequency is something else, and so is one that needs the highest damping,
+    gaining less with a usual one. Where nothing oscillates the damping is irrelevant and may have any value.
     """
     _, places = _last(problem, found)
     if places is None:

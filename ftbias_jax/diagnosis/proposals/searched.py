@@ -1,9 +1,9 @@
-"""Where the fit begins of an effect that picks no search of its own: each of its parameters says.
+"""Starting points for the fit of an effect without a search of its own, derived from its parameters.
 
-Those that switch the effect off are found by one linearisation; those that need a search are held at each of their
-starts meanwhile: moments all along the log, places where the sensor passes and around neutral, whole numbers at every
-value, all else spread over its bounds. Times are refined around the best start. The best few starts are fitted with
-everything free but what has no scale, such as a joint's number.
+Parameters that switch the effect off are found by one linearisation. Those that need a search are held meanwhile at
+each of their starts: times along the whole log, positions on the sensor's path and around neutral, whole numbers at
+every value, all others spread over their bounds. Times are refined around the best start. The best few starts are
+fitted with all parameters free except those without a scale, such as a joint's number.
 """
 
 from collections.abc import Collection, Sequence
@@ -23,47 +23,47 @@ from ftbias_jax.model.effects.fitting import LINEAR, Starts
 from ftbias_jax.model.effects.types import Effect, Parameter
 
 MOST_STARTS = 256
-"""Combinations of starts of an effect that are tried."""
+"""Maximum number of combinations of starts per effect."""
 GRID = 7
-"""Starts of one parameter, if it does not say which."""
+"""Number of starts of a parameter that states none."""
 SPREAD = 10.0
-"""Largest start of a positive parameter without bounds over its typical value, and that over the smallest one."""
+"""Ratio of the largest start of an unbounded positive parameter to its typical value, and of that to the smallest."""
 MOST_BOUNDS = 1e4
-"""Ratio of bounds up to which starts are spread over all between them."""
+"""Ratio of bounds up to which starts are spread over the whole range between them."""
 NUMBERS = 64
-"""Values of a whole number, if it does not say which."""
+"""Maximum number of values of a whole number that states no starts."""
 FEWEST_TIMES, TIMES = 16, 64
-"""Moments of a log that are tried: the more other combinations there are, the fewer."""
+"""Number of times in a log that are tried: the more combinations of other starts, the fewer."""
 HALVINGS = 8
-"""Of the steps by which times are refined: in a log of 40 s to 10 ms."""
+"""Number of step halvings in the refinement of times: to 10 ms in a log of 40 s."""
 FEWEST_PLACES, PLACES = 3, 24
-"""The same for positions of the sensor, for a place."""
+"""Number of positions of the sensor that are tried for a place, chosen likewise."""
 
 Values = dict[str, np.ndarray]
-"""Parameter -> its value, of those that need a search."""
+"""Parameter -> its value, for parameters that need a search."""
 
 
 class Extent(NamedTuple):
-    """What a search goes through."""
+    """Range of a search."""
 
     seconds: float
-    """Length of the longest log."""
+    """Duration of the longest log."""
     places: np.ndarray
-    """(PLACES, 3) m, base frame, that the sensor passes, the first ones least alike."""
+    """(PLACES, 3) m, base frame, positions on the sensor's path, the most dissimilar ones first."""
 
 
 class Start(NamedTuple):
-    """Where a fit may begin."""
+    """Starting point of a fit."""
 
     nats: float
-    """That its strengths gain there."""
+    """Gain of its strengths there."""
     hypothesis: Hypothesis
     values: Values
-    """Of the parameters that need a search."""
+    """Values of the parameters that need a search."""
 
 
 def best_starts(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:
-    """The most promising starts of every such effect, with their gains in nats beside a fit."""
+    """Most promising starts of every such effect, with their gains in nats over a fit."""
     wanted = [effect for effect in searched_by(problem, taken, Starts) if not why_not_fitted(effect)]
     if not wanted:
         return []
@@ -83,8 +83,8 @@ def _best_starts(problem: Problem, prepared_fit: PreparedFit, effect: Effect, ex
 def _best(
     problem: Problem, prepared_fit: PreparedFit, effect: Effect, tried: list[Values], found: Sequence[Start] = ()
 ) -> list[Start]:
-    """Of what was found before, and of an effect with its strengths fitted and the rest held at each of these values,
-    the few starts that gain most, the best one first."""
+    """The few starts that gain most, best first, of those found before and those at these values, where the strengths
+    are fitted and the rest is held."""
     slices = problem.layout.slices
     first = {parameter.name: slices[effect.name, parameter.name].start for parameter in strengths(effect)}
     linear = [first[p.name] + int(i) for p in strengths(effect) for i in np.flatnonzero(can_move(p))]
@@ -101,7 +101,7 @@ def _best(
 
 
 def _linearised(problem: Problem, prepared_fit: PreparedFit, h: Hypothesis, linear: list[int]) -> Found:
-    """What the strengths would gain with the rest held at a start, none of them outside of its bounds."""
+    """Gain of the strengths, within their bounds, with the rest held at a start."""
     prepared = gains(prepared_fit, whitened(problem, slopes(problem, h.begin(prepared_fit.fit.z), linear)))
     least, most = (bound[linear] for bound in (problem.layout.least, problem.layout.most))
     best = np.clip(prepared.coefficients(list(range(len(linear)))), least, most)
@@ -110,7 +110,7 @@ def _linearised(problem: Problem, prepared_fit: PreparedFit, h: Hypothesis, line
 
 
 def starts_together(effect: Effect, neutral: Values, extent: Extent) -> list[Values]:
-    """All combinations of the starts of the parameters that need a search, evenly thinned out if there are too many."""
+    """All combinations of starts of the parameters that need a search, evenly thinned out if there are too many."""
     searched = [parameter for parameter in effect.parameters if parameter.search and -1 not in parameter.shape]
     spread = {p.name: starts_of(effect, p, neutral[p.name]) for p in searched}
     moments = {parameter.name for parameter in searched if is_moment(parameter, extent.seconds)}
@@ -118,7 +118,7 @@ def starts_together(effect: Effect, neutral: Values, extent: Extent) -> list[Val
     others = int(np.prod([len(starts) for name, starts in spread.items() if name not in moments | places]))
     each = (MOST_STARTS / others) ** (1 / max(len(moments | places), 1))
     count = int(np.clip(each, FEWEST_TIMES, TIMES))
-    times = (np.arange(count) + 1) * extent.seconds / (count + 1)  # neither the first moment of a log nor its last
+    times = (np.arange(count) + 1) * extent.seconds / (count + 1)  # excludes both ends of the log
     for parameter in searched:
         if parameter.name in moments:
             spread[parameter.name] = list(times)
@@ -133,13 +133,13 @@ def starts_together(effect: Effect, neutral: Values, extent: Extent) -> list[Val
 
 
 def _refinements(effect: Effect, extent: Extent) -> list[float]:
-    """s: steps by which the times of an effect are refined; none if it has no moment."""
+    """s: steps by which the times of an effect are refined; none if it has no time."""
     moment = any(is_moment(parameter, extent.seconds) for parameter in effect.parameters)
     return [extent.seconds / FEWEST_TIMES / 2 ** (i + 1) for i in range(HALVINGS if moment else 0)]
 
 
 def _around(effect: Effect, values: Values, step: float) -> list[Values]:
-    """Values with each of the times one step earlier, later or as it is, within their bounds; not all as they are."""
+    """Values with each time one step earlier, later or unchanged, within their bounds, except all unchanged."""
     times = [p for p in effect.parameters if p.name in values and p.unit == "s" and not p.shape and can_move(p).any()]
     found = []
     for signs in product((0, -1, 1), repeat=len(times)):
@@ -150,7 +150,7 @@ def _around(effect: Effect, values: Values, step: float) -> list[Values]:
 
 
 def starts_of(effect: Effect, parameter: Parameter, neutral: np.ndarray) -> list[np.ndarray]:
-    """Values at which the search for a parameter begins, in its shape: as stated, or spread over what is possible."""
+    """Starting values of a parameter, in its shape: as stated, or spread over the possible range."""
     if parameter.starts:
         return [np.broadcast_to(np.asarray(start, float), parameter.shape) for start in parameter.starts]
     lower, upper, scale = (
@@ -178,7 +178,7 @@ def _spread_by_factors(lower: np.ndarray, upper: np.ndarray, middle: np.ndarray)
 
 
 def apart(positions: np.ndarray) -> np.ndarray:
-    """The (PLACES, 3) positions of (T, 3) that are least alike: the middle one, then the farthest from those before."""
+    """(PLACES, 3) most dissimilar positions of (T, 3): the middle one, then always the farthest from those before."""
     chosen = [positions[np.linalg.norm(positions - positions.mean(0), axis=1).argmin()]]
     nearest = np.linalg.norm(positions - chosen[0], axis=1)
     while len(chosen) < PLACES:

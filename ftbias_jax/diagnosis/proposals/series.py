@@ -1,6 +1,6 @@
-"""Slow series and changes at some time: whitened once for a problem, and their times and time constants refined.
+"""Slow series and changes at some time, whitened once per problem; their times and time constants are refined.
 
-A jump is one of the bias if it takes no time, and the new level stays whatever the pose is.
+A jump belongs to the bias if it is sudden and the new level stays whatever the pose is.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -21,31 +21,31 @@ from ftbias_jax.model.effects.fitting import Settling, Step
 from ftbias_jax.model.effects.terms.columns import forces_at, torques
 
 RAMPS = (0.15, 0.3, 0.6, 1.2, 2.4)
-"""s that a change may take."""
+"""s, durations of a change that are tried."""
 FINE = 17
-"""Values tried at every refinement of a time or a time constant."""
+"""Number of values tried in each refinement of a time or a time constant."""
 STEP = 0.25
-"""s between the times at which a change is looked for, in a short log."""
+"""s between candidate times of a change in a short log."""
 MOST_STEPS = 400
-"""In a long log its length is divided by this."""
+"""Maximum number of these times: the step is the duration of a long log divided by it."""
 PULSES = (0.1, 0.25, 0.6, 1.5)
-"""s, lengths of the events that are looked for."""
+"""s, durations of the candidate events."""
 
 
 class Library(NamedTuple):
-    """Whitened series of one problem that no fit changes: worked out once."""
+    """Whitened series of one problem that no fit changes, computed once."""
 
     series: dict[str, list[Hypothesis]]
-    """Effect -> what it could be: of those that settle, or change at some time."""
+    """Effect -> hypotheses of those that settle, or change at some time."""
     white: dict[str, np.ndarray]
-    """Effect -> (S, U, 6), the same series in every channel."""
+    """Effect -> (S, U, 6), these series, whitened, the same in every channel."""
     events: list[Event]
     events_white: np.ndarray
     """(6, E, U) pulses, channels first."""
 
 
 def make_library(problem: Problem) -> Library:
-    """All series that are searched through."""
+    """All series that are searched."""
     series: dict[str, list[Hypothesis]] = {}
     for effect in problem.catalogue.searched_by(Settling):
         if all(need in problem.recorded for need in effect.needs):
@@ -69,7 +69,7 @@ def make_library(problem: Problem) -> Library:
 
 
 def between_steps(duration: float) -> float:
-    """s between the times at which a change is looked for in a log of so many seconds."""
+    """s between candidate times of a change in a log of this duration in s."""
     return max(STEP, duration / MOST_STEPS)
 
 
@@ -79,7 +79,7 @@ def alike(problem: Problem, series: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def by_channel(accepted: Fit, white: np.ndarray) -> np.ndarray:
-    """(C,) nats of series (C, U, 6) with a coefficient a channel, beside the accepted effects held where they are."""
+    """(C,) nats of series (C, U, 6), with a coefficient per channel and the accepted effects held fixed."""
     error = accepted.error.astype(white.dtype)
     along = np.einsum("cuk,uk->ck", white, error)
     power = np.einsum("cuk,cuk->ck", white, white)
@@ -87,7 +87,7 @@ def by_channel(accepted: Fit, white: np.ndarray) -> np.ndarray:
 
 
 def best_series(problem: Problem, library: Library, accepted: Fit, taken: Collection[str]) -> Iterator[Found]:
-    """The series that gains most of every effect that settles, then of every one that begins at some time, refined."""
+    """Best series of every effect that settles, then of every effect that begins at some time, refined."""
     for search, refined in ((Settling, _with_time_constant), (Step, _with_time)):
         for name in (effect.name for effect in searched_by(problem, taken, search)):
             if name in library.series:
@@ -97,7 +97,7 @@ def best_series(problem: Problem, library: Library, accepted: Fit, taken: Collec
 
 
 def _with_time_constant(problem: Problem, accepted: Fit, found: Found) -> Found:
-    """The best time constant near that of a slow series; without a lag it stays as it is."""
+    """Best time constant near that of a slow series; a series without a lag is unchanged."""
     _, h = found
     assert isinstance(h.detail, Slow)
     effect = problem.catalogue[h.effect]
@@ -112,7 +112,7 @@ def _with_time_constant(problem: Problem, accepted: Fit, found: Found) -> Found:
 
 
 def _with_time(problem: Problem, accepted: Fit, found: Found) -> Found:
-    """The best time near that of a change, which is sudden or along a straight line."""
+    """Best time near that of a change, which is sudden or linear in time."""
     effect, at = problem.catalogue[found[1].effect], found[1].detail
     assert isinstance(at, Change)
 
@@ -133,7 +133,7 @@ def _with_time(problem: Problem, accepted: Fit, found: Found) -> Found:
 def refine(
     problem: Problem, accepted: Fit, make: Callable[[np.ndarray], list[Hypothesis]], at: float, reach: float
 ) -> Found:
-    """The best of ever finer grids of values, each made into a hypothesis, around the best so far within a reach."""
+    """Best hypothesis on two successively finer grids of values around the best so far, the first within a reach."""
     for _ in range(2):
         values = at + reach * np.linspace(-1, 1, FINE)
         made = make(values)
@@ -144,7 +144,7 @@ def refine(
 
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
-    """Why a jump of the bias may be something else."""
+    """Reason why a jump of the bias may be something else."""
     assert isinstance(h.detail, Change)
     if h.detail.ramp > LONGEST_JUMP:
         return f"; or something slower that is not in the catalogue, because it took {h.detail.ramp:.2g} s"
@@ -162,7 +162,7 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
 
 
 def without(found: Fit, h: Hypothesis) -> tuple[Fit, np.ndarray]:
-    """A fit without the series of one hypothesis, all else as it was; and these series (E, U, 6)."""
+    """Fit without the series of one hypothesis, all else unchanged, and these series (E, U, 6)."""
     numbers = rows_of(found, h)
     own = slice(numbers.start // 6, numbers.stop // 6)
     alone = found.columns._replace(moving=found.columns.moving[:0], series=found.columns.series[own])
@@ -171,7 +171,7 @@ def without(found: Fit, h: Hypothesis) -> tuple[Fit, np.ndarray]:
 
 
 def with_the_pose(problem: Problem, found: Fit, series: np.ndarray) -> dict[str, np.ndarray]:
-    """What sets in as a series (U,) does and, unlike a bias, follows the pose: words -> columns (K, U, 6) N, Nm."""
+    """What may set in like a series (U,) but, unlike a bias, follows the pose: words -> columns (K, U, 6) N, Nm."""
     axes = sensor_axes(problem).transpose(1, 0, 2)  # (3, U, 3), each axis of the base in the sensor's coordinates
     down = np.tensordot(np.asarray(problem.parts[0].signals.model.gravity), axes, 1)
     arms = np.cross(np.eye(3)[:, None], down)

@@ -1,4 +1,4 @@
-"""What each effect would gain: those that are smooth at zero by one linearisation, the others from several starts."""
+"""Gain of each effect: by one linearisation if it is smooth at zero, from several starts otherwise."""
 
 from collections.abc import Collection, Sequence
 from itertools import product
@@ -26,7 +26,7 @@ from ftbias_jax.model.effects.types import Effect
 
 
 def smooth_hypotheses(problem: Problem, taken: Collection[str]) -> list[Hypothesis]:
-    """What one linearisation finds; each joint is a hypothesis of its own, and so is each variant of an effect."""
+    """Hypotheses that one linearisation evaluates; each joint and each variant of an effect is one of its own."""
     return [h for effect in searched_by(problem, taken, *SMOOTH) for h in _of_smooth(problem, effect)]
 
 
@@ -46,7 +46,7 @@ def _of_smooth(problem: Problem, effect: Effect) -> list[Hypothesis]:
 def smooth(
     problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]
 ) -> tuple[list[Found], dict[Hypothesis, np.ndarray]]:
-    """Gains, and for each hypothesis the whitened derivatives (F, U, 6) by its coordinates."""
+    """Gains, and for each hypothesis the whitened derivatives (F, U, 6) with respect to its coordinates."""
     wanted = smooth_hypotheses(problem, taken)
     found: list[Found] = []
     columns: dict[Hypothesis, np.ndarray] = {}
@@ -67,14 +67,14 @@ def smooth(
 
 
 def _adds_to_twin(problem: Problem, accepted: Sequence[Hypothesis], h: Hypothesis) -> bool:
-    """Whether a number of each channel comes beside what all together look like: then some channels differ."""
+    """Whether an effect with one parameter per channel joins a twin of all channels: then only some channels differ."""
     effect = problem.catalogue[h.effect]
     by_channel = [parameter.shape for parameter in effect.parameters] == [problem.noise_std.shape]
     return by_channel and not {twin.effect for twin in effect.twins}.isdisjoint(other.effect for other in accepted)
 
 
 def grid_hypotheses(problem: Problem, span: np.ndarray, taken: Collection[str]) -> list[Hypothesis]:
-    """Starting points of the effects that are fitted from several; span (6,) N, Nm: range of the predicted load."""
+    """Starting points of effects that are fitted from several; span (6,) N, Nm: range of the predicted load."""
     found = []
     for effect in searched_by(problem, taken, Grid):
         load = span if search_of(effect, Grid).per_load else 1.0
@@ -87,7 +87,7 @@ def grid_hypotheses(problem: Problem, span: np.ndarray, taken: Collection[str]) 
 
 
 def from_starts(problem: Problem, prepared_fit: PreparedFit, taken: Collection[str]) -> list[Found]:
-    """Gain of each starting point, as it is or scaled to fit."""
+    """Gain of each starting point, unscaled or scaled to fit."""
     now = readings(problem, prepared_fit.fit.z[None])[0]
     wanted = [*grid_hypotheses(problem, np.ptp(now, axis=0), taken), *usual(problem, taken)]
     if not wanted:
@@ -103,7 +103,7 @@ def from_starts(problem: Problem, prepared_fit: PreparedFit, taken: Collection[s
 
 
 def as_they_are(problem: Problem, accepted: Fit, starts: Sequence[Hypothesis]) -> tuple[np.ndarray, np.ndarray]:
-    """(S,) gain of each of S starts as it is, and (S, U, 6) what it changes."""
+    """(S,) gain of each of S starts without scaling, and (S, U, 6) its whitened change of the reading."""
     made = readings(problem, np.stack([accepted.z, *(h.begin(accepted.z) for h in starts)]))
     changes = whitened(problem, made[1:] - made[0])
     return -(accepted.error * changes).sum((1, 2)) - (changes**2).sum((1, 2)) / 2, changes

@@ -17,7 +17,7 @@ from ftbias_jax.model.effects.fitting import Touches
 from ftbias_jax.model.wrench.inertia import center_of_mass
 
 SHAPES = (4, 8, 16, 32)
-"""Hat functions that may make up an event of any shape."""
+"""Maximum numbers of tent basis functions of an event of any shape."""
 TRIMS, TRIM_HATS = 3, 32
 REWEIGHTINGS = 4
 
@@ -25,16 +25,16 @@ REWEIGHTINGS = 4
 def touches(
     problem: Problem, library: Library, accepted: Fit, taken: Collection[str], smooth: np.ndarray
 ) -> list[Found]:
-    """The events that stand out, as one hypothesis with wrenches of any shape, and its gain; of every effect with such.
+    """Events that stand out, as one hypothesis with wrenches of any shape, with its gain; for every such effect.
 
-    They are looked for, but not judged, in what ``smooth`` (M, U, 6) leaves: derivatives by what else could be there.
+    They are detected, but not judged, in the residual of ``smooth`` (M, U, 6), derivatives of other possible causes.
     """
     names = [effect.name for effect in searched_by(problem, taken, Touches)]
     if not names or not library.events:
         return []
     alone, found = robust_rest(smooth, accepted.error), list[Found]()
-    # What lasts is more surely seen by its sudden ends, as a filter does, than by pulses that add up to it; other
-    # causes, which may be anything beside it, would then take a part of it.
+    # A long contact is detected more reliably by its sudden ends, as a filter does, than as a sum of pulses, of which
+    # other causes would absorb a part.
     seen = [Event(log, one.start, one.end) for log, part in enumerate(problem.parts) for one in part.touched.contacts]
     ways = ((_pursue(library, alone), alone), (seen, accepted.error))
     for name, (events, error) in product(names, ways):
@@ -57,7 +57,7 @@ def _gain(accepted: Fit, series: np.ndarray) -> float:
 
 
 def _pursue(library: Library, error: np.ndarray) -> list[Event]:
-    """The pulses that gain most, one after the other, of innovations (U, 6)."""
+    """Pulses that gain most on innovations (U, 6), found one after the other."""
     white, events = library.events_white, list[Event]()
     power = np.maximum(np.square(white).sum(2), 1e-6)
     left = error.T.astype(white.dtype)
@@ -73,13 +73,13 @@ def _pursue(library: Library, error: np.ndarray) -> list[Event]:
 
 
 def is_short(h: Hypothesis, duration: float) -> bool:
-    """Whether events are short, each and together, in logs of so many seconds."""
+    """Whether events are short, each and together, in logs of this duration in s."""
     lengths = _lengths(h)
     return bool(lengths.max() < thresholds.LONGEST_EVENT and lengths.sum() < thresholds.MOST_OF_LOG * duration)
 
 
 def is_seen(h: Hypothesis, problem: Problem) -> bool:
-    """Whether events are contact as a filter finds it, too: sudden at both ends, with free motion beside it."""
+    """Whether a filter's contact detection confirms the events: sudden at both ends, with free motion beside them."""
     lengths, inside = _lengths(h), 0.0
     if not len(lengths):
         return False
@@ -94,23 +94,23 @@ def is_seen(h: Hypothesis, problem: Problem) -> bool:
 
 
 def takes_most(h: Hypothesis, problem: Problem) -> bool:
-    """Whether events are contact as a filter finds it, too, and leave little free motion to compare them with."""
+    """Whether events are confirmed as contact and leave little free motion to compare them with."""
     return is_seen(h, problem) and bool(_lengths(h).sum() >= thresholds.MOST_OF_LOG * problem.duration)
 
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
-    """Why events may be something else: only they are short."""
+    """Why events may be something else: only short ones are certain."""
     short = bool(_lengths(h).max() < thresholds.SURELY_EVENT)
     return "" if short else "; or something that is not in the catalogue, for it lasted long"
 
 
 def _lengths(h: Hypothesis) -> np.ndarray:
-    """(E,) s, of its events."""
+    """(E,) s, durations of the events."""
     return np.array([one.event.end - one.event.start for one in shaped(h)])
 
 
 def robust_rest(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """(U, 6) what columns (M, U, 6) leave of innovations if bins far from the others hardly count; single precision."""
+    """(U, 6) residual of innovations after columns (M, U, 6), with outlying bins downweighted; single precision."""
     flat, whole = columns.reshape(len(columns), error.size).astype(np.float32), error.astype(np.float32)
     rest = whole
     for _ in range(REWEIGHTINGS if len(columns) else 0):
@@ -124,7 +124,7 @@ def robust_rest(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
 
 
 def _trimmed(problem: Problem, effect: str, error: np.ndarray, events: list[Event]) -> list[Event]:
-    """Events that begin and end where innovations (U, 6) put it."""
+    """Events with start and end determined by innovations (U, 6)."""
     for _ in range(TRIMS):
         coefficients, white, ends = _hats(problem, effect, error, events, TRIM_HATS)
         nats = ((coefficients[:, None] * white) ** 2).sum((1, 2)) / 2
@@ -137,7 +137,7 @@ def _trimmed(problem: Problem, effect: str, error: np.ndarray, events: list[Even
 
 
 def _beyond_motion(problem: Problem, effect: str, error: np.ndarray, events: list[Event]) -> list[Event]:
-    """Those of events in innovations (U, 6) that accelerations that nobody recorded do not make."""
+    """Events in innovations (U, 6) that unrecorded accelerations cannot cause."""
     unseen = max(part.unseen[:3].max() for part in problem.parts)
     if not unseen or not events:
         return events
@@ -147,10 +147,10 @@ def _beyond_motion(problem: Problem, effect: str, error: np.ndarray, events: lis
 
 
 def pushes(events: list[Event], wrenches: list[np.ndarray], center: np.ndarray, unseen: float) -> list[Event]:
-    """Events that push more than accelerations do; none where all of them push at the tool's centre of mass, as these.
+    """Events that push more than accelerations do; none if all push at the tool's centre of mass, as accelerations do.
 
-    The wrenches (H, 6) N, Nm of the hats of each, in sensor axes; the centre of mass (3,) m; the standard deviation of
-    the tool's force by accelerations, N.
+    The wrenches (H, 6) N, Nm belong to each event's tent basis functions, in sensor axes; the centre of mass is (3,) m;
+    ``unseen`` is the standard deviation in N of the tool's force due to accelerations.
     """
     strong, aside = list[Event](), False
     for event, wrench in zip(events, wrenches, strict=True):
@@ -165,7 +165,7 @@ def pushes(events: list[Event], wrenches: list[np.ndarray], center: np.ndarray, 
 def _hats(
     problem: Problem, effect: str, error: np.ndarray, events: list[Event], tents: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Wrenches (H, 6) N, Nm of the hats of events by innovations (U, 6), their whitened series, where events end."""
+    """Wrenches (H, 6) N, Nm of tent basis functions by innovations (U, 6), whitened series, boundaries of events."""
     h = shaped_events(problem, effect, events, tents)
     white = whitened_series(problem, h.shapes)
     coefficients, _ = projection(white)(error[None])
@@ -173,7 +173,7 @@ def _hats(
 
 
 def parts_of(event: Event, nats: np.ndarray) -> list[Event]:
-    """An event without the tents that hardly matter by their nats (H,), at its ends or between its parts."""
+    """Event without the tent basis functions with little gain (H,) nats, at its ends or between its parts."""
     log, start, end = event
     matter = np.flatnonzero(nats > max(thresholds.LEAST_HAT, thresholds.LEAST_SHARE_OF_HAT * nats.max()))
     if not len(matter):
@@ -186,7 +186,7 @@ def parts_of(event: Event, nats: np.ndarray) -> list[Event]:
 
 
 def merge(events: Sequence[Event]) -> list[Event]:
-    """Overlapping events of a log as one, with room for what the pulses that found them do not cover."""
+    """Merge overlapping events of a log, widened for what the pulses that found them do not cover."""
     merged: list[Event] = []
     for log, start, end in sorted(events):
         margin = thresholds.MARGIN + thresholds.MARGIN_SHARE * (end - start)

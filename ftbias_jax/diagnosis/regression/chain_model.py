@@ -1,9 +1,9 @@
 """All effects that change the mean reading as one differentiable model in unbounded coordinates.
 
 One compiled function serves every effect and every combination: the chain of the catalogue is evaluated with all its
-effects in place, most of them neutral. The motion of the arm, which only the joints' offsets change, is worked out
-apart, because it is the same in nearly all evaluations. The programs are loaded or compiled while the logs are still
-being made ready for a search.
+effects in place, most of them neutral. The motion of the arm, which only the joints' offsets change, is computed
+separately, because it is the same in nearly all evaluations. The programs are loaded or compiled while the logs are
+still being prepared for a search.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -34,12 +34,12 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 WORKERS = 2
-"""Programs that are compiled at a time, beside those of the smoother."""
+"""Number of programs that are compiled concurrently."""
 
 
 @keep_program("catalogue")
 def to_values(signals: Signals, z: Array, *, catalogue: Catalogue = CATALOGUE) -> Values:
-    """Catalogue values of all chained effects; those of one joint have a row of all joints and of their offsets."""
+    """Catalogue values of all chained effects; an effect of one joint has arrays of all joints and their offsets."""
     return _values(signals, z, catalogue, fitted_effects(catalogue))
 
 
@@ -55,7 +55,7 @@ def _values(signals: Signals, z: Array, catalogue: Catalogue, effects: list[Effe
 
 
 def _moved(signals: Signals, known: Values, z: Array, catalogue: Catalogue) -> Signals:
-    """Joints without the offsets of coordinates z (P,), and without those that the setup knows of."""
+    """Signals with the joint offsets of coordinates z (P,) and those stated in the setup taken out of the joints."""
     moving = catalogue.searched_by(ByJoint)
     moved = compose.transform(signals, _values(signals, z, catalogue, list(moving)), catalogue)
     stated = {effect.name: known[effect.name] for effect in moving if effect.name in known}
@@ -64,23 +64,23 @@ def _moved(signals: Signals, known: Values, z: Array, catalogue: Catalogue) -> S
 
 @keep_program("catalogue")
 def motion(signals: Signals, known: Values, z: Array, *, catalogue: Catalogue = CATALOGUE) -> ArmMotion:
-    """How the arm moves with the joint offsets of coordinates z (P,), and with those that the setup knows of."""
+    """Motion of the arm with the joint offsets of coordinates z (P,) and those stated in the setup."""
     return motion_of(_moved(signals, known, z, catalogue))
 
 
 def nominal_motion(signals: Signals, known: Values, catalogue: Catalogue = CATALOGUE) -> ArmMotion:
-    """How the arm moves with the joints where the setup believes."""
+    """Nominal motion of the arm, with no joint offsets but those stated in the setup."""
     nowhere = np.zeros(layout(signals.q.shape[1], catalogue).size)
     return motion(signals, known, nowhere, catalogue=catalogue)
 
 
 @keep_program("catalogue")
 def reading(signals: Signals, known: Values, moving: ArmMotion, z: Array, *, catalogue: Catalogue = CATALOGUE) -> Array:
-    """(B, 6) N, Nm: noise-free reading at z (P,) with effects that the setup knows of; moving: the ``motion`` at z."""
+    """(B, 6) N, Nm: noise-free reading at z (P,) with the effects stated in the setup; moving: the ``motion`` at z."""
     joints = [effect.name for effect in catalogue.searched_by(ByJoint)]
     chained = _values(signals, z, catalogue, [e for e in fitted_effects(catalogue) if e.name not in joints])
     values = chained | {name: known[name] for name in known if name not in joints}
-    if catalogue.own:  # these may move the joints, or look at where they are
+    if catalogue.own:  # these may move the joints or depend on their positions
         signals = _moved(signals, known, z, catalogue)
     places, acting = layout(signals.q.shape[1], catalogue).slices, dict(catalogue)
     for name in (name for name in chained if name not in known):
@@ -90,7 +90,7 @@ def reading(signals: Signals, known: Values, moving: ArmMotion, z: Array, *, cat
 
 
 def _only_if(acts: Array, effect: Effect) -> Effect:
-    """An effect whose change of the reading is not even worked out where it is neutral: most are, at any time."""
+    """An effect whose change of the reading is computed only where it acts, because most are neutral at any time."""
     if effect.reading is None:
         return effect
     change = effect.reading
@@ -103,10 +103,10 @@ def _only_if(acts: Array, effect: Effect) -> Effect:
 
 @contextmanager
 def compiled_ahead(setup: Setup, logs: Sequence[Log]) -> Iterator[None]:
-    """While the block runs, compile the programs of a search on these logs; at its end, wait until that is done.
+    """Compile the programs of a search on these logs while the block runs, and wait for them at its end.
 
-    If the block fails nobody waits: what is being compiled then is finished, and kept, behind the error. What XLA says
-    of a program that it cannot compile is raised at the end of the block.
+    If the block fails, it does not wait: compilations in progress finish in the background and are kept. Errors of XLA
+    in a compilation are raised at the end of the block.
     """
     worker = ThreadPoolExecutor(WORKERS)
     try:
@@ -119,10 +119,10 @@ def compiled_ahead(setup: Setup, logs: Sequence[Log]) -> Iterator[None]:
 
 
 def programs_of_search(setup: Setup, logs: Sequence[Log]) -> Iterator[Callable[[], object]]:
-    """Make the programs of a search on these logs ready, when called, and first that which smooths their joints.
+    """Functions that load or compile the programs of a search on these logs, those of the joint smoother first.
 
-    For each of their lengths. A log that loses bins while it is cleaned may turn out shorter; then its programs are
-    compiled when they are called.
+    There is one set of programs per padded length. A log that loses bins while it is cleaned may turn out shorter; its
+    programs are then compiled at their first call.
     """
     params, options = params_from_setup(setup), Options(joint_model=setup.joints.model)
     outlines = (jax.eval_shape(lambda samples: samples, padded_samples(log)) for log in logs)
@@ -132,14 +132,14 @@ def programs_of_search(setup: Setup, logs: Sequence[Log]) -> Iterator[Callable[[
     for bins, columns in dict.fromkeys((padded_bins(log), tuple(log.columns)) for log in logs):
         signals, known, moving = outline(params, bins, columns)
         z = jax.ShapeDtypeStruct((layout(signals.q.shape[1], catalogue).size,), signals.q.dtype)
-        # The longest first.
+        # The program that takes longest to compile comes first.
         yield partial(reading.prepare, signals, known, moving, z, catalogue=catalogue)
         yield partial(motion.prepare, signals, known, z, catalogue=catalogue)
         yield partial(to_values.prepare, signals, z, catalogue=catalogue)
 
 
 def outline(params: Params, bins: int, columns: Sequence[str] = ()) -> tuple[Signals, Values, ArmMotion]:
-    """What ``problem.make_problem`` will make of a log, with shapes in place of what is not known yet."""
+    """Signals, stated effects and motion as ``problem.make_problem`` makes them of a log, as shapes only."""
     n = params.joint.process_density.shape[0]
 
     def of(*shape: int) -> Any:
@@ -151,6 +151,6 @@ def outline(params: Params, bins: int, columns: Sequence[str] = ()) -> tuple[Sig
 
 
 def padded_bins(log: Log) -> int:
-    """How many bins a log will have, if no sample turns out useless."""
+    """Number of bins that a log has with padding, if no sample is discarded."""
     measured = np.isfinite(log.wrench).any(1)
     return bins_of(log.t[measured], float(log.t[-1]))[2]

@@ -1,9 +1,9 @@
-"""Coordinates of effects as their entries state them: 0 is neutral or a typical value, 1 a typical departure.
+"""Fit coordinates of the effects in the catalogue: 0 is neutral or a typical value, 1 a typical departure.
 
 A parameter has one coordinate for each of its numbers; an offset of one joint has one for each joint. An entry may
-state how its parameter follows from them (``fitting.Coordinate``). Where it does not, and the effect has other
-parameters that switch it off, a positive parameter that needs a search is taken by its logarithm; one whose neutral is
-infinite by its inverse.
+state how its parameter follows from them (``fitting.Coordinate``). Otherwise a searched parameter that is positive, or
+whose neutral value is infinite, has a logarithmic coordinate if other parameters switch the effect off, and an inverse
+one if its neutral value is infinite and none does; all others are linear.
 """
 
 from collections.abc import Mapping
@@ -19,12 +19,12 @@ from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Paramete
 from ftbias_jax.types import Array
 
 SMALLEST_INVERSE = 1e-6
-"""Of the coordinate: a value this many times larger than its scale counts as infinite."""
+"""Least inverse coordinate: a value larger than its scale by the reciprocal of this counts as infinite."""
 MOST_LOGARITHM = 12.0
-"""A factor of 160,000 from the typical value either way."""
+"""Largest logarithmic coordinate: a factor of 160,000 from the typical value either way."""
 AS_STATED = Coordinate()
 LAYOUTS = 16
-"""Arms and catalogues whose coordinates are remembered."""
+"""Number of pairs of joint count and catalogue whose coordinates are cached."""
 
 
 class Scale(NamedTuple):
@@ -35,26 +35,26 @@ class Scale(NamedTuple):
     zero: np.ndarray | None
     """(k,) value at coordinate 0; None = neutral, which depends on what the setup states."""
     unit: np.ndarray
-    """(k,) of the parameter per coordinate; 1 for what is not fitted."""
+    """(k,) change of the parameter per coordinate; 1 for numbers that are not fitted."""
     lower: np.ndarray
     """(k,) least plausible value."""
     upper: np.ndarray
 
 
 class Layout(NamedTuple):
-    """Where the coordinates of a catalogue's effects are in one vector of P."""
+    """Positions of the coordinates of a catalogue's effects in one vector (P,)."""
 
     slices: Mapping[tuple[str, str], slice]
-    """(effect, parameter) -> its coordinates."""
+    """(effect, parameter) -> slice of its coordinates."""
     least: np.ndarray
-    """(P,) bounds of the coordinates."""
+    """(P,) lower bounds of the coordinates; ``most`` holds the upper bounds."""
     most: np.ndarray
     of_joints: np.ndarray
-    """Indices of those that change how the arm moves, and nothing else; all else is worked out from that."""
+    """Indices of the coordinates that change only the motion of the arm, from which all else is computed."""
 
     @property
     def size(self) -> int:
-        """P."""
+        """Number of coordinates P."""
         return len(self.least)
 
     def of_effect(self, effect: str) -> np.ndarray:
@@ -82,7 +82,7 @@ def layout(n: int, catalogue: Catalogue = CATALOGUE) -> Layout:
 
 
 def bounds_of(scale: Scale) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest coordinates."""
+    """Lower and upper bounds of the coordinates."""
     kind, zero, unit, lower, upper = scale
     if kind == LOGARITHM:
         with np.errstate(divide="ignore"):
@@ -101,7 +101,7 @@ def fitted_effects(catalogue: Catalogue) -> list[Effect]:
 
 
 def why_not_fitted(effect: Effect) -> str:
-    """Why an effect is not looked for, in words; "" = it is."""
+    """Why an effect is not searched for, in words; "" = it is."""
     if isinstance(effect.fit.search, Samples):
         return ""
     if effect.hook == "record":
@@ -121,13 +121,13 @@ def strengths(effect: Effect) -> list[Parameter]:
 
 
 def is_moment(parameter: Parameter, seconds: float) -> bool:
-    """Whether a parameter is a moment of a log of so many seconds: a time that is searched, from 0 to its end."""
+    """Whether a parameter is a point in time of a log of this many seconds: a searched time from 0 to the log's end."""
     searched = parameter.search and parameter.unit == "s" and not parameter.shape and bool(can_move(parameter).any())
     return searched and not parameter.starts and bool(np.all(parameter.lower <= 0 and parameter.upper >= seconds))
 
 
 def can_move(parameter: Parameter) -> np.ndarray:
-    """(k,) bool: which of its numbers are fitted."""
+    """(k,) bool: which numbers of a parameter are fitted."""
     given = (parameter.coordinate or AS_STATED).scale
     return _flat(parameter.scale if given is None else given, parameter) > 0
 
@@ -156,14 +156,14 @@ def scale_of(effect: Effect, parameter: Parameter) -> Scale:
 
 
 def _is_number(effect: Effect, parameter: Parameter) -> bool:
-    """Whether a parameter says which joint, and so has no coordinate."""
+    """Whether a parameter is the number of the joint, which has no coordinate."""
     return isinstance(effect.fit.search, ByJoint) and parameter.name == effect.fit.search.number
 
 
 def values_at(effect: Effect, model: Model, coordinates: dict[str, Array], n: int = 0) -> EffectValues:
-    """Values of an effect from its coordinates, never outside of what its entry calls plausible.
+    """Values of an effect from its coordinates, clipped to what its entry states as plausible.
 
-    An effect of one joint gets all n of the arm, each with its offset.
+    An effect of one joint gets all n joints of the arm, each with its own offset.
     """
     neutral = neutral_values(effect, model)
     values = {}
@@ -187,14 +187,14 @@ def _value(effect: Effect, parameter: Parameter, neutral: Array, z: Array) -> Ar
             value = unit / jnp.maximum(z, SMALLEST_INVERSE)
         case _:
             value = zero + unit * z
-    # Not jnp.clip, whose derivative at a bound, where an effect of one sign begins, is half of that inside.
+    # Not jnp.clip: its derivative at a bound, where an effect of one sign begins, is half of that inside.
     return jnp.where(value < lower, lower, jnp.where(value > upper, upper, value))
 
 
 def to_coordinates(
     effect: Effect, parameter: Parameter, neutral: np.ndarray | float, value: np.ndarray | float
 ) -> np.ndarray:
-    """(k,) coordinates of a value; the other way than ``values_at``."""
+    """(k,) coordinates of a value: the inverse of ``values_at``."""
     flat, scale = _flat(value, parameter), scale_of(effect, parameter)
     zero = _flat(neutral, parameter) if scale.zero is None else scale.zero
     match scale.kind:

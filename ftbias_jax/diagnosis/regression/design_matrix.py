@@ -1,7 +1,7 @@
-"""Whitened derivatives of the innovations by everything that a fit may change, and the normal equations they make.
+"""Whitened design matrix of a fit, the derivatives of the innovations, and its normal equations.
 
-A linear series has a coefficient for every channel, and a channel's coefficient changes no other channel. So a series
-stands for six columns, each of them zero in five channels, and products with them are worked out channel by channel.
+A linear series has a coefficient for every channel, which changes no other channel. A series therefore stands for six
+columns, each of them zero in five channels, and products with them are computed channel by channel.
 """
 
 from typing import NamedTuple, Self
@@ -11,29 +11,29 @@ import numpy as np
 from ftbias_jax.diagnosis.thresholds import PRIOR_STD
 
 RIDGE = 1e-9
-"""Share of the mean information that is added, for series that vanish."""
+"""Share of the mean information that is added to the diagonal, because some series vanish."""
 
 
 class Columns(NamedTuple):
-    """F coordinates and E series over U bins: K = F + 6 E numbers, the coordinates first, then series by series."""
+    """Design matrix of F coordinates and E series over U bins: K = F + 6 E columns, coordinates first, then series."""
 
     moving: np.ndarray
     """(F, U, 6) derivatives with respect to the coordinates."""
     series: np.ndarray
-    """(E, U, 6)."""
+    """(E, U, 6) whitened series."""
 
     @property
     def size(self) -> int:
-        """K."""
+        """Number of columns K."""
         return len(self.moving) + 6 * len(self.series)
 
     def at(self, rows: np.ndarray) -> Self:
-        """Those of some bins, chosen by a mask or by indices (U,)."""
+        """The columns at some bins, selected by a mask or by indices (U,)."""
         return self._replace(moving=self.moving[:, rows], series=self.series[:, rows])
 
 
 def products(own: Columns, others: np.ndarray) -> np.ndarray:
-    """(M, U, 6) -> (M, K) sums over bins and channels."""
+    """(M, K) products of series (M, U, 6) with all columns, summed over bins and channels."""
     of_moving: np.ndarray = _flat(others) @ _flat(own.moving).T
     if not len(own.series):
         return of_moving
@@ -47,22 +47,22 @@ def _flat(x: np.ndarray) -> np.ndarray:
 
 
 def channels_first(x: np.ndarray) -> np.ndarray:
-    """(M, U, 6) -> (6, M, U) in order in memory, or else its products take ten times as long."""
+    """(M, U, 6) -> (6, M, U), contiguous in memory, because otherwise its products take ten times as long."""
     return np.ascontiguousarray(x.transpose(2, 0, 1))
 
 
 class Information(NamedTuple):
-    """Products of all columns with one another, and the prior of coordinates: never singular."""
+    """Information matrix: products of all columns with one another plus the prior of coordinates, never singular."""
 
     moving: np.ndarray
-    """(F, F)."""
+    """(F, F) block of the coordinates."""
     mixed: np.ndarray
-    """(6, F, E)."""
+    """(6, F, E) blocks of coordinates and series, per channel."""
     series: np.ndarray
-    """(6, E, E); the rest is zero."""
+    """(6, E, E) blocks of the series, per channel; those between channels are zero."""
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """(K, M) -> (K, M): x with information x = right, channel by channel for the series."""
+        """Solve information x = right for (K, M) right-hand sides, channel by channel for the series."""
         F, (E, M) = len(self.moving), (self.series.shape[1], right.shape[1])
         of_moving, of_series = right[:F], right[F:].reshape(E, 6, M).transpose(1, 0, 2)
         alone = np.linalg.solve(self.series, np.concatenate([of_series, self.mixed.transpose(0, 2, 1)], 2))
@@ -73,7 +73,7 @@ class Information(NamedTuple):
         return np.concatenate([moving, series.transpose(1, 0, 2).reshape(6 * E, M)])
 
     def matrix(self) -> np.ndarray:
-        """(K, K)."""
+        """The information as a dense matrix (K, K)."""
         F, E = len(self.moving), self.series.shape[1]
         whole = np.zeros((F + 6 * E, F + 6 * E))
         whole[:F, :F] = self.moving
@@ -84,7 +84,7 @@ class Information(NamedTuple):
 
 
 def information(columns: Columns, prior_std: np.ndarray | None = None) -> Information:
-    """What the data say of all numbers, with the prior of the first coordinates; None = PRIOR_STD for all of them."""
+    """Information of all parameters, with the prior of the first coordinates; None = PRIOR_STD for all of them."""
     own, by_channel, F = _flat(columns.moving), channels_first(columns.series), len(columns.moving)
     transposed = by_channel.transpose(0, 2, 1)
     moving, series = own @ own.T, by_channel @ transposed
@@ -100,20 +100,20 @@ def information(columns: Columns, prior_std: np.ndarray | None = None) -> Inform
 
 
 def change(columns: Columns, numbers: np.ndarray) -> np.ndarray:
-    """(K,) numbers -> (U, 6) what they add to the innovations."""
+    """(U, 6) change of the innovations due to a change (K,) of coordinates and coefficients."""
     F = len(columns.moving)
     of_series = np.einsum("ek,euk->uk", numbers[F:].reshape(-1, 6), columns.series)
     return np.tensordot(numbers[:F], columns.moving, 1) + of_series
 
 
 def step_and_gain(columns: Columns, error: np.ndarray) -> tuple[np.ndarray, float]:
-    """(K,) change of all numbers that brings the innovations (U, 6) nearest to zero, and the nats that it gains."""
+    """Gauss-Newton step (K,) that brings the innovations (U, 6) nearest to zero, and the nats that it gains."""
     pull = products(columns, error[None])[0]
     step: np.ndarray = -information(columns).solve(pull[:, None])[:, 0]
     return step, -float(step @ pull) / 2
 
 
 def scores(columns: Columns, error: np.ndarray, block: np.ndarray) -> np.ndarray:
-    """(blocks, K) derivatives of each block's squared innovations; block (U,) = its number."""
+    """(blocks, K) scores: derivatives of each block's squared innovations; block (U,): number of each bin's block."""
     pieces = np.split(np.argsort(block, kind="stable"), np.cumsum(np.bincount(block))[:-1])
     return np.stack([products(columns.at(rows), error[None, rows])[0] for rows in pieces])

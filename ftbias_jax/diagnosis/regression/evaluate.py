@@ -1,4 +1,4 @@
-"""The model and the whitening on all bins of all logs."""
+"""Readings of the model, their derivatives and the whitening on all bins of all logs."""
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
@@ -12,12 +12,12 @@ from ftbias_jax.model.kinematics.arm_batch import ArmMotion
 from ftbias_jax.types import Array
 
 STEP = 1e-6
-"""Typical departures over which differences are taken for derivatives: neither curvature nor rounding shows, and unlike
-derivatives in forward mode they need no program of their own, which would take longest of all to compile."""
+"""Step of finite differences in typical departures: neither curvature nor rounding matters, and unlike derivatives in
+forward mode they need no program of their own, which would take longest of all to compile."""
 LANES = 64
-"""Columns that are whitened together: of more, the products do not fit into the processor's cache."""
+"""Number of columns that are whitened together: the products of more do not fit into the processor's cache."""
 MOTIONS = 8
-"""Of the arm that are remembered while readings are worked out."""
+"""Number of arm motions that are cached while readings are computed."""
 
 
 def readings(problem: Problem, z: np.ndarray) -> np.ndarray:
@@ -42,14 +42,14 @@ def readings(problem: Problem, z: np.ndarray) -> np.ndarray:
 
 
 def with_and_without(problem: Problem, z: np.ndarray, free: Sequence[int]) -> np.ndarray:
-    """(2, U, 6) N, Nm: readings at z (P,), and where some of its coordinates are neutral."""
+    """(2, U, 6) N, Nm: readings at z (P,), and with the coordinates in ``free`` set to neutral."""
     both = np.stack([z, z])
     both[1, list(free)] = 0
     return readings(problem, both)
 
 
 def slopes(problem: Problem, z: np.ndarray, places: Sequence[int]) -> np.ndarray:
-    """(F, U, 6) N, Nm: derivatives of the reading at z (P,) by the coordinates at these places, within their bounds."""
+    """(F, U, 6) N, Nm: derivatives of the reading at z (P,) with respect to these coordinates, within their bounds."""
     at, row = np.array(places), np.arange(len(places))
     most = problem.layout.most
     moved = np.repeat(z[None], len(at) + 1, 0)
@@ -60,7 +60,7 @@ def slopes(problem: Problem, z: np.ndarray, places: Sequence[int]) -> np.ndarray
 
 
 def whitened(problem: Problem, columns: np.ndarray) -> np.ndarray:
-    """(C, U, 6) N, Nm -> the same as innovations of each log's bias filter, in standard deviations.
+    """Whiten columns (C, U, 6) N, Nm into innovations of each log's bias filter, in standard deviations.
 
     Columns (C, U, 1) are the same in every channel.
     """
@@ -68,7 +68,7 @@ def whitened(problem: Problem, columns: np.ndarray) -> np.ndarray:
 
 
 def whitened_single(problem: Problem, columns: Sequence[np.ndarray]) -> np.ndarray:
-    """The same of C columns (U, 6), or (U, 1) if the same in every channel, in single precision."""
+    """Whiten C columns (U, 6) N, Nm, or (U, 1) if the same in every channel, in single precision."""
     filters = [part.whiten.single() for part in problem.parts]
     white = np.zeros((len(columns), len(problem.t), 6), np.float32)
     for first in range(0, len(columns), LANES):
@@ -78,7 +78,7 @@ def whitened_single(problem: Problem, columns: Sequence[np.ndarray]) -> np.ndarr
 
 
 def whiten_lanes(problem: Problem, lanes: np.ndarray) -> None:
-    """The same in place of lanes (6, C, U) in single precision, channels first."""
+    """Whiten columns (6, C, U), channels first, in place and in single precision."""
     filters = [part.whiten.single() for part in problem.parts]
     ends = np.cumsum([part.used for part in problem.parts])[:-1]
     for first in range(0, lanes.shape[1], LANES):
@@ -93,14 +93,14 @@ def _over_logs(problem: Problem, filters: Sequence[Whitener], columns: np.ndarra
 
 
 def whitened_series(problem: Problem, shapes: Sequence[np.ndarray]) -> np.ndarray:
-    """(U,) series -> (E, U, 6): each of them the same in every channel, whitened."""
+    """(E, U, 6) whitened series from E series (U,) that are the same in every channel."""
     if not shapes:
         return np.zeros((0, len(problem.t), 6))
     return whitened(problem, np.stack(shapes)[:, :, None])
 
 
 def over_bins(problem: Problem, of: Callable[[Part], Array]) -> np.ndarray:
-    """(U, ...) an array (B, ...) of every log, without its padding, end to end."""
+    """(U, ...): the arrays (B, ...) of all logs without their padding, concatenated."""
     return np.concatenate([np.asarray(of(part))[: part.used] for part in problem.parts])
 
 
@@ -110,5 +110,5 @@ def measured(problem: Problem) -> np.ndarray:
 
 
 def sensor_axes(problem: Problem) -> np.ndarray:
-    """(U, 3, 3) rotation from the sensor to the base, with the joints where the setup believes."""
+    """(U, 3, 3) rotation from the sensor to the base at the nominal joint positions."""
     return over_bins(problem, lambda part: np.moveaxis(np.asarray(part.nominal.sensor_rotation), 2, 0))

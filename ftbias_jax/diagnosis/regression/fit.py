@@ -1,4 +1,4 @@
-"""Fits of one or several hypotheses on whitened innovations, with bias and drift as nuisance."""
+"""Fits of one or several hypotheses on whitened innovations, with bias and drift as nuisance parameters."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -22,18 +22,18 @@ from ftbias_jax.filtering.innovation_regression import widened_inverse
 
 MOST_ITERATIONS = 12
 ENOUGH = 0.3
-"""nats; a step that gains less is the last."""
+"""nats; the fit ends with a step that gains less."""
 DAMPINGS = (0.0, 0.03, 1.0, 30.0)
-"""All tried at once at every step, after the first one as multiples of the one that was best before: numbers that can
-stand for each other, such as the stiffness of a cable and where it is fixed, go along a bent valley."""
+"""Levenberg-Marquardt dampings that are tried together at every step, after the first one as multiples of the previous
+best: correlated parameters, such as the stiffness of a cable and its anchor, move along a curved valley."""
 LEAST_DAMPING = 1e-6
-"""Below it a damped step is the whole one."""
+"""Least damping, below which a damped step equals the full step."""
 LONGEST_STEP = 20.0
-"""Typical departures."""
+"""Typical departures; longest step of a coordinate."""
 
 
 class Fit(NamedTuple):
-    """Hypotheses together at their best. K = free coordinates, then coefficients of linear series."""
+    """Joint fit of several hypotheses. K = free coordinates, then coefficients of linear series."""
 
     hypotheses: tuple[Hypothesis, ...]
     z: np.ndarray
@@ -43,43 +43,43 @@ class Fit(NamedTuple):
     error: np.ndarray
     """(U, 6) innovations that remain, in standard deviations."""
     columns: Columns
-    """Their derivatives with respect to the free coordinates and by the coefficients."""
+    """Derivatives of the innovations with respect to the free coordinates and the coefficients."""
     free: tuple[int, ...]
     log_likelihood: float
     """nats, up to a constant of the logs."""
 
     @property
     def degrees(self) -> int:
-        """Free numbers."""
+        """Number of free parameters K."""
         return self.columns.size
 
     def of_series(self) -> np.ndarray:
-        """(U, 6) N, Nm, or zeros (1, 6): what its linear series add to the reading; its coordinates do the rest."""
+        """(U, 6) N, Nm, or zeros (1, 6): what the linear series add to the reading; the coordinates do the rest."""
         shapes = [shape[:, None] for h in self.hypotheses for shape in h.shapes]
         return np.hstack(shapes) @ self.coefficients.reshape(-1, 6) if shapes else np.zeros((1, 6))
 
     def places(self, h: Hypothesis) -> list[int]:
-        """Where the coordinates of one hypothesis are among the free ones."""
+        """Indices of the coordinates of one hypothesis among the free ones."""
         return [self.free.index(i) for i in h.free]
 
     def spread(self, h: Hypothesis, covariance: np.ndarray) -> np.ndarray:
-        """Covariance of the coordinates of one hypothesis, of that of all numbers."""
+        """Covariance of the coordinates of one hypothesis, taken from the covariance of all parameters."""
         own = self.places(h)
         return covariance[np.ix_(own, own)]
 
     def beside(self, h: Hypothesis) -> tuple[Hypothesis, ...]:
-        """The other hypotheses."""
+        """All hypotheses but this one."""
         return tuple(other for other in self.hypotheses if other is not h)
 
 
 def predicted(problem: Problem, found: Fit) -> np.ndarray:
-    """(U, 6) N, Nm: the mean readings by a fit, but for bias and noise."""
+    """(U, 6) N, Nm: mean readings predicted by a fit, without bias and noise."""
     whole: np.ndarray = readings(problem, found.z[None])[0] + found.of_series()
     return whole
 
 
 def base(problem: Problem) -> Fit:
-    """The nominal model."""
+    """Fit of the nominal model."""
     nothing = Columns(*np.zeros((2, 0, len(problem.t), 6)))
     z = np.zeros(problem.layout.size)
     error = _errors(problem, z[None])[0]
@@ -91,8 +91,8 @@ def fit(
 ) -> Fit:
     """Levenberg-Marquardt over the coordinates, with the linear coefficients solved for exactly at every step.
 
-    Hypotheses that ``start`` has, too, continue from there. The last of at most so many steps gains less than a share
-    ``enough`` of the whole gain.
+    Hypotheses that ``start`` contains too continue from there. The fit ends after ``most`` steps, or after one that
+    gains less than a share ``enough`` of the whole gain.
     """
     z = start.z.copy()
     z[[*start.free, *(i for h in start.hypotheses for i, _ in h.fixed)]] = 0
@@ -105,7 +105,7 @@ def fit(
     prior_std = _prior_std(hypotheses, free)
     series = _series(problem, hypotheses, start)
     project = projection(series)
-    if np.array_equal(z, start.z):  # the model is as it was: no need to evaluate it
+    if np.array_equal(z, start.z):  # the model is unchanged and need not be evaluated
         error = start.error - change(start.columns._replace(moving=series[:0]), start.coefficients)
     else:
         error = _errors(problem, z[None])[0]
@@ -140,7 +140,7 @@ def fit(
 
 
 def first_order(accepted: Fit, h: Hypothesis, columns: np.ndarray) -> Fit:
-    """What a fit of one more hypothesis will find, from its derivatives (F, U, 6) at the accepted fit alone."""
+    """First-order prediction of a fit with one more hypothesis, from its derivatives (F, U, 6) at the accepted fit."""
     whole = accepted.columns._replace(moving=np.concatenate([accepted.columns.moving, columns]))
     hypotheses, free = (*accepted.hypotheses, h), (*accepted.free, *h.free)
     start = accepted._replace(hypotheses=hypotheses, z=h.begin(accepted.z), free=free)
@@ -148,7 +148,7 @@ def first_order(accepted: Fit, h: Hypothesis, columns: np.ndarray) -> Fit:
 
 
 def undamped(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit) -> np.ndarray:
-    """(P,) coordinates one whole step from those of a fit, beside the series that it has."""
+    """(P,) coordinates after one undamped step from a fit, with the coefficients of its series solved for jointly."""
     free = _free(hypotheses)
     own, prior_std = list(free), _prior_std(hypotheses, free)
     columns = start.columns._replace(moving=whitened(problem, slopes(problem, start.z, free)))
@@ -160,7 +160,7 @@ def undamped(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit) -
 
 
 def stepped(start: Fit, columns: Columns, error: np.ndarray) -> tuple[Fit, float]:
-    """A fit after the best step by these columns from these innovations (U, 6), and the nats that it gains."""
+    """A fit after one Gauss-Newton step with these columns and innovations (U, 6), and the nats that it gains."""
     step, gain = step_and_gain(columns, error)
     z, moving = start.z.copy(), len(start.free)
     z[list(start.free)] += step[:moving]
@@ -170,9 +170,9 @@ def stepped(start: Fit, columns: Columns, error: np.ndarray) -> tuple[Fit, float
 
 
 def _errors(problem: Problem, z: np.ndarray) -> np.ndarray:
-    """(C, P) -> (C, U, 6) innovations of prediction - reading.
+    """(C, U, 6) innovations of prediction - reading at coordinates (C, P).
 
-    All NaN for a prediction that is no number, which would count as missing and look perfect.
+    All NaN for a prediction that is not finite, which would otherwise count as missing and look perfect.
     """
     made = readings(problem, z)
     sound = np.isfinite(made).all((1, 2))
@@ -182,21 +182,21 @@ def _errors(problem: Problem, z: np.ndarray) -> np.ndarray:
 
 
 def _known(start: Fit, hypotheses: tuple[Hypothesis, ...]) -> dict[int, np.ndarray]:
-    """Derivatives (U, 6) by coordinates of hypotheses that a fit has, too: good enough for a first step from there."""
+    """Derivatives (U, 6) with respect to coordinates shared with another fit, good enough for a first step from it."""
     there = {id(h) for h in start.hypotheses}
     shared = {i for h in hypotheses if id(h) in there for i in h.free}
     return {i: column for i, column in zip(start.free, start.columns.moving, strict=True) if i in shared}
 
 
 def _moving(problem: Problem, z: np.ndarray, free: tuple[int, ...], known: dict[int, np.ndarray]) -> np.ndarray:
-    """(F, U, 6) whitened derivatives by the free coordinates, those that are known as they are."""
+    """(F, U, 6) whitened derivatives with respect to the free coordinates; known ones are reused."""
     others = [i for i in free if i not in known]
     made = dict(zip(others, whitened(problem, slopes(problem, z, others)), strict=True)) if others else {}
     return np.stack([known[i] if i in known else made[i] for i in free])
 
 
 def _series(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit) -> np.ndarray:
-    """(E, U, 6) whitened linear series; those that ``start`` has are taken from there."""
+    """(E, U, 6) whitened linear series; those of ``start`` are reused."""
     pieces = np.split(start.columns.series, np.cumsum([len(h.shapes) for h in start.hypotheses]))
     there = {id(h): piece for h, piece in zip(start.hypotheses, pieces[:-1], strict=True)}
     series = [there[id(h)] if id(h) in there else whitened_series(problem, h.shapes) for h in hypotheses]
@@ -204,9 +204,9 @@ def _series(problem: Problem, hypotheses: tuple[Hypothesis, ...], start: Fit) ->
 
 
 def projection(series: np.ndarray) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Whitened series (E, U, 6), with a coefficient for every channel -> a function of errors (C, U, 6).
+    """Function that projects whitened series (E, U, 6), with a coefficient per channel, out of errors (C, U, 6).
 
-    It gives the coefficients (C, 6 E) that bring error + sum c series nearest to zero, and what remains.
+    It returns the coefficients (C, 6 E) that bring error + sum c series nearest to zero, and the remaining errors.
     """
     columns, by_channel = Columns(series[:0], series), channels_first(series)
     told = information(columns)
@@ -229,7 +229,7 @@ def _free(hypotheses: tuple[Hypothesis, ...]) -> tuple[int, ...]:
 
 
 def _prior_std(hypotheses: tuple[Hypothesis, ...], free: tuple[int, ...]) -> np.ndarray:
-    """(F,) of the free coordinates, in typical departures."""
+    """(F,) prior standard deviations of the free coordinates, in typical departures."""
     of_place = {i: h.prior_std for h in hypotheses for i in h.free}
     return np.array([of_place[i] for i in free])
 
@@ -247,13 +247,13 @@ def _trials(
     most: np.ndarray,
     dampings: Sequence[float],
 ) -> np.ndarray:
-    """(D, F) next values of the coordinates ``at`` (F,), none of them outside its bounds.
+    """(D, F) next values of the coordinates ``at`` (F,) for D dampings, within their bounds.
 
-    The derivatives (F, U, 6) are those without what the series can do.
+    The series are projected out of the derivatives (F, U, 6).
     """
     flat = columns.reshape(len(columns), -1)
     pull = flat @ error.ravel() + at / prior_std**2
-    # What is at a bound and would leave it stays, or else the others would move as if it did.
+    # A coordinate at a bound that would step beyond it is held, or else the others would move as if it did.
     able = np.where(pull > 0, at > least, at < most)
     normal = (flat @ flat.T + np.diag(prior_std**-2))[np.ix_(able, able)]
     trials: np.ndarray = np.repeat(at[None], len(dampings), 0)
@@ -264,16 +264,16 @@ def _trials(
 
 
 def compared(problem: Problem, better: np.ndarray, worse: np.ndarray) -> tuple[float, float]:
-    """nats that innovations (U, 6) are likelier than others, and their standard error from blocks."""
+    """Log-likelihood gain in nats of innovations (U, 6) over others, and its standard error from blocks."""
     by_block = np.bincount(problem.block(BLOCK_SECONDS), (worse**2 - better**2).sum(1)) / 2
     return float(by_block.sum()), float(np.sqrt(len(by_block)) * by_block.std())
 
 
 def covariance(problem: Problem, fit: Fit, further: np.ndarray | None = None) -> np.ndarray:
-    """(K, K) of the free numbers, widened where the scores of whole blocks scatter more than white noise would.
+    """(K, K) covariance of the free parameters, widened where block scores scatter more than with white noise.
 
-    Of numbers that were searched on a grid ``further`` has the whitened derivatives (M, U, 6): they come between the
-    coordinates and the coefficients.
+    ``further`` holds the whitened derivatives (M, U, 6) of parameters that were searched on a grid: these come between
+    the coordinates and the coefficients.
     """
     columns = fit.columns
     if further is not None:

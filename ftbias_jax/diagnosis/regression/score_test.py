@@ -1,4 +1,4 @@
-"""What further columns and series would gain on top of a fit, to first order: none of them is fitted for it."""
+"""Score test: what further columns and series would gain on top of a fit, to first order and without fitting them."""
 
 from typing import NamedTuple, Self
 
@@ -9,33 +9,33 @@ from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.thresholds import NATS_PER_DEGREE
 
 SINGLE = 1e-5
-"""Share of a column's power that products in single precision are not sure of: what is left of less is rounding."""
+"""Share of a column's power that is uncertain in single precision: a smaller remainder is rounding error."""
 
 
 class Gains(NamedTuple):
-    """What further columns would gain on top of a fit, all coefficients solved for again together, to first order."""
+    """Gain of further columns on top of a fit, with all coefficients solved for jointly, to first order."""
 
     normal: np.ndarray
-    """(M, M) products of the columns, after those of the fit are taken out of them."""
+    """(M, M) products of the columns after those of the fit are projected out."""
     pull: np.ndarray
-    """(M,) products with the error."""
+    """(M,) products of these columns with the error."""
     taken: np.ndarray
-    """(K, M) what the fit's own numbers do of each column."""
+    """(K, M) coefficients of each column's projection on the fit's own columns."""
 
     def of(self, chosen: list[int]) -> float:
         """nats that these columns gain together."""
         return float(-self.pull[chosen] @ self.coefficients(chosen)) / 2
 
     def coefficients(self, chosen: list[int]) -> np.ndarray:
-        """(len(chosen),) of these columns together."""
+        """(len(chosen),) coefficients of these columns, solved for together."""
         normal, pull = self.normal[np.ix_(chosen, chosen)], self.pull[chosen]
         ridge = 1e-8 * max(np.trace(normal) / max(len(normal), 1), 1e-12)
         return -np.linalg.solve(normal + ridge * np.eye(len(normal)), pull)
 
     def pursue(self, rows: list[int], most: int, least: float) -> tuple[float, list[int]]:
-        """Matching pursuit: the few columns of these that gain most together, at most so many, and how much.
+        """Matching pursuit: the at most ``most`` columns of ``rows`` that gain most together, and their gain in nats.
 
-        Each must add at least a share of the gain.
+        Each must add at least a share ``least`` of the gain.
         """
         normal, pull = self.normal[np.ix_(rows, rows)].astype(float), self.pull[rows].astype(float)
         ridge = 1e-8 * max(np.trace(normal) / max(len(rows), 1), 1e-12)
@@ -49,22 +49,22 @@ class Gains(NamedTuple):
             if gain < max(2 * NATS_PER_DEGREE, least * (gained + gain)):
                 break
             chosen, gained = [*chosen, rows[best]], gained + gain
-            # What the chosen column does of the others and of the error is taken out of them.
+            # The chosen column is projected out of the others and of the error.
             taken = normal[best] / (normal[best, best] + ridge)
             pull, normal = pull - taken * pull[best], normal - np.outer(taken, normal[best])
         return gained, chosen
 
 
 class PreparedFit(NamedTuple):
-    """A fit that further columns come beside, and what their gains need of it."""
+    """A fit to which further columns are added, with what their gains need of it."""
 
     fit: Fit
     information: Information
-    """Of its own numbers."""
+    """Information of the fit's own parameters."""
     pull: np.ndarray
-    """(K,) their products with the error."""
+    """(K,) products of the fit's columns with the error."""
     step: np.ndarray
-    """(K,) change of its own numbers that brings the error nearest to zero: next to nothing at the fit's end."""
+    """(K,) Gauss-Newton step of the fit's own parameters, nearly zero where the fit has converged."""
 
     def at(self, error: np.ndarray) -> Self:
         """The same fit with other innovations (U, 6)."""
@@ -74,26 +74,26 @@ class PreparedFit(NamedTuple):
 
 
 def stand(fit: Fit) -> PreparedFit:
-    """Prepare a fit for columns that come beside it."""
+    """Prepare a fit for further columns."""
     return PreparedFit(fit, information(fit.columns), *np.zeros((2, 0))).at(fit.error)
 
 
 def gains(prepared_fit: PreparedFit, columns: np.ndarray) -> Gains:
-    """Prepare the gains of whitened columns (M, U, 6) beside a fit."""
+    """Prepare the gains of whitened columns (M, U, 6) on top of a fit."""
     flat = columns.reshape(len(columns), -1)
     shared, taken, pull = _beside(prepared_fit, columns)
     return Gains(flat @ flat.T - shared @ taken, pull, taken)
 
 
 def gain_of_each(prepared_fit: PreparedFit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(M,) nats that every whitened column (M, U, 6) would gain by itself, and (M,) its coefficient."""
+    """(M,) nats that each whitened column (M, U, 6) would gain separately, and (M,) its coefficient."""
     shared, taken, pull = _beside(prepared_fit, columns)
     power = np.maximum(np.einsum("muk,muk->m", columns, columns) - (shared.T * taken).sum(0), 1e-12)
     return pull**2 / power / 2, -pull / power
 
 
 def _beside(prepared_fit: PreparedFit, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What a fit itself does of columns (M, U, 6): products (M, K), coefficients (K, M), and the pull (M,) left."""
+    """Projection of columns (M, U, 6) on a fit: products (M, K), coefficients (K, M), and the remaining pull (M,)."""
     shared = products(prepared_fit.fit.columns, columns)
     taken = prepared_fit.information.solve(shared.T)
     pull = columns.reshape(len(columns), -1) @ prepared_fit.fit.error.ravel() - taken.T @ prepared_fit.pull

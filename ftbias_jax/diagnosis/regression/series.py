@@ -1,6 +1,6 @@
-"""What series that are linear in their strength stand for: what the effect itself does to a reading of zero.
+"""Series that are linear in their strength: the change that the effect makes to a reading of zero.
 
-Times and time constants are held; whatever the strength of each channel is, the series is the same.
+Times and time constants are held fixed, so the series is the same whatever the strength in each channel.
 """
 
 from collections.abc import Sequence
@@ -19,14 +19,14 @@ from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array
 
 LANES = 16
-"""Series that one call works out."""
+"""Number of series that one call computes."""
 BINS_A_TENT = 2.5
-"""So that every hat function is seen when a fourth of the bins is left out."""
+"""Bins per tent function, so that each is still observed when a quarter of the bins is held out."""
 
 
 @keep_program("name", "names", "catalogue")
 def _unit_series(signals: Signals, held: Array, *, name: str, names: tuple[str, ...], catalogue: Catalogue) -> Array:
-    """(C, B): change of the reading by an effect of strength one, at each of the values (C, k) of other parameters."""
+    """(C, B): change of the reading by an effect of unit strength, at each of the values (C, k) of other parameters."""
     effect = catalogue[name]
     (strength,) = strengths(effect)
     nothing = jnp.zeros((signals.t.shape[0], 6), signals.t.dtype)
@@ -40,10 +40,10 @@ def _unit_series(signals: Signals, held: Array, *, name: str, names: tuple[str, 
 
 
 def unit_series(problem: Problem, effect: Effect, **held: np.ndarray | Sequence[float]) -> np.ndarray:
-    """(C, U): the series of an effect, of strength one in every channel, for C values of its other parameters."""
+    """(C, U): the series of an effect with unit strength in every channel, for C values of its other parameters."""
     values = np.stack([np.asarray(value, float) for value in held.values()], 1)
     what = {"name": effect.name, "names": tuple(held), "catalogue": problem.catalogue}
-    pieces = np.resize(values, (-(-len(values) // LANES), LANES, values.shape[1]))  # the last one is filled up
+    pieces = np.resize(values, (-(-len(values) // LANES), LANES, values.shape[1]))  # the last piece is padded
     parts = []
     for part in problem.parts:
         made = np.concatenate([np.asarray(_unit_series(part.signals, some, **what)) for some in pieces])
@@ -52,7 +52,7 @@ def unit_series(problem: Problem, effect: Effect, **held: np.ndarray | Sequence[
 
 
 def settlings(problem: Problem, effect: Effect) -> list[Hypothesis]:
-    """A slow series with each time constant that its logs can show; in all logs, and in each if it may differ there."""
+    """One slow series per time constant that the logs resolve, in all logs and, if it may differ there, in each."""
     search = search_of(effect, Settling)
     times = [float(time) for time in effect.parameter(search.time).starts]
     shown = {
@@ -87,7 +87,7 @@ def retimed(problem: Problem, h: Hypothesis, times: Sequence[float]) -> list[Hyp
 
 
 def slope_in_time(problem: Problem, h: Hypothesis) -> np.ndarray:
-    """(U,) derivative of a slow series by its time constant, s."""
+    """(U,) derivative of a slow series with respect to its time constant in s."""
     assert isinstance(h.detail, Slow)
     time = h.detail.time_constant
     step = max(0.01 * time, 1e-3)
@@ -96,7 +96,7 @@ def slope_in_time(problem: Problem, h: Hypothesis) -> np.ndarray:
 
 
 def steps(problem: Problem, effect: Effect, log: int, times: np.ndarray, ramp: float = 0.0) -> list[Hypothesis]:
-    """A change that begins at each of the times of one log, and takes ``ramp`` s."""
+    """One change for each of the start times in one log, with a ramp of ``ramp`` s."""
     search = search_of(effect, Step)
     if not len(times):
         return []
@@ -109,15 +109,15 @@ def steps(problem: Problem, effect: Effect, log: int, times: np.ndarray, ramp: f
 
 
 def pulse(problem: Problem, event: Event) -> np.ndarray:
-    """(U,) a flat pulse in one log."""
+    """(U,) unit pulse over an event of one log."""
     inside: np.ndarray = (problem.log == event.log) & (problem.t >= event.start) & (problem.t < event.end)
     return inside.astype(float)
 
 
 def shaped_events(problem: Problem, effect: str, events: Sequence[Event], tents: int) -> Hypothesis:
-    """Events of any shape, which may begin and end suddenly: hat functions, each with a wrench of its own.
+    """Events of any shape, which may begin and end suddenly: tent basis functions, each with a wrench of its own.
 
-    Each has so many tents at most, and BINS_A_TENT bins for every one.
+    Each event has at most ``tents`` of them, and BINS_A_TENT bins for each.
     """
     series: list[np.ndarray] = []
     detail: list[Shaped] = []
@@ -132,6 +132,6 @@ def shaped_events(problem: Problem, effect: str, events: Sequence[Event], tents:
 
 
 def shaped(h: Hypothesis) -> tuple[Shaped, ...]:
-    """The events of a hypothesis that has them."""
+    """The events of a hypothesis, empty if it has none."""
     details = h.detail if isinstance(h.detail, tuple) else ()
     return tuple(one for one in details if isinstance(one, Shaped))

@@ -1,8 +1,8 @@
-"""Innovations of the bias filter, as products with matrices that are worked out once for a log.
+"""Innovations of the bias filter as products with matrices that are computed once per log.
 
-The filter is linear and its gains do not depend on what it filters (``likelihood.whiten`` says why that whitens). So a
-stretch of some bins is a matrix that turns readings into innovations, and the stretches before it act through bias and
-drift alone. Thousands of series take as many products of matrices and only a loop over the stretches.
+The filter is linear and its gains do not depend on the filtered series (``likelihood.whiten`` states why it whitens). A
+segment of several bins is therefore a matrix that maps readings to innovations, and earlier segments act only through
+bias and drift. Thousands of series need only matrix products and one loop over the segments.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ import numpy as np
 from ftbias_jax.filtering.likelihood import WrenchProblem
 
 STRETCH = 32
-"""Bins: more make the products longer, fewer the loop."""
+"""Bins per segment: more make the products longer, fewer the loop."""
 
 
 class Whitener(NamedTuple):
-    """The bias filter of one log over n stretches of L bins, channel by channel; the last one is filled up."""
+    """The bias filter of one log over n segments of L bins, channel by channel; the last segment is padded."""
 
     inside: np.ndarray
-    """(6, n, L, L) innovations, in standard deviations, by the readings of the same stretch."""
+    """(6, n, L, L) innovations, in standard deviations, due to the readings of the same segment."""
     entering: np.ndarray
-    """(6, n, L, 2) by bias and drift at the stretch's start."""
+    """(6, n, L, 2) innovations due to bias and drift at the segment's start."""
     leaving: np.ndarray
-    """(6, n, 2, L) bias and drift at its end by its readings."""
+    """(6, n, 2, L) bias and drift at the segment's end due to its readings."""
     passing: np.ndarray
-    """(6, n, 2, 2) by those at its start."""
+    """(6, n, 2, 2) bias and drift at the segment's end due to those at its start."""
 
     def single(self) -> Whitener:
-        """In single precision: twice as fast."""
+        """The same matrices in single precision, which is twice as fast."""
         return Whitener(*(x.astype(np.float32) for x in self))
 
     def __call__(self, series: np.ndarray) -> np.ndarray:
@@ -41,12 +41,12 @@ class Whitener(NamedTuple):
         return np.ascontiguousarray(self.by_channel(series.transpose(2, 0, 1)).transpose(1, 2, 0))
 
     def by_channel(self, series: np.ndarray) -> np.ndarray:
-        """The same with channels first: (6, C, U), or (1, C, U) if the same in every channel -> (6, C, U)."""
+        """Innovations with channels first: (6, C, U), or (1, C, U) if the same in every channel -> (6, C, U)."""
         channels, count, used = series.shape
         _, n, length, _ = self.inside.shape
         y, white = (np.zeros((k, count, n * length), self.inside.dtype) for k in (channels, 6))
         y[:, :, :used] = series
-        # Stretches by lanes of one channel: with bins next to each other in memory, all else is a matter of strides.
+        # Segments by series of one channel: with bins adjacent in memory, all else is a matter of strides.
         here, out = (x.reshape(-1, count, n, length).transpose(0, 2, 3, 1) for x in (y, white))
         # Pulses and steps are zero at first, and so are their innovations.
         begins = int(series.any((0, 1)).argmax()) // length if channels == 1 else 0
@@ -62,11 +62,11 @@ class Whitener(NamedTuple):
 
 
 def make_whitener(problem: WrenchProblem, used: int) -> Whitener:
-    """Matrices of the bias filter of one log, which uses so many bins before the padding."""
+    """Matrices of the bias filter of one log that has ``used`` bins before the padding."""
     n = -(-used // STRETCH)
     gains, weight = (_filled(x, n) for x in recursion(problem, used))
     dt = _filled(np.asarray(problem.dt)[:used], n)
-    lanes = STRETCH + 2  # a reading of one in each bin of the stretch, then a bias and a drift of one before it
+    lanes = STRETCH + 2  # a unit reading in each bin of the segment, then a unit bias and a unit drift before it
     white, (bias, drift) = np.zeros((STRETCH, n, 6, lanes)), np.zeros((2, n, 6, lanes))
     bias[..., STRETCH], drift[..., STRETCH + 1] = 1, 1
     for j in range(STRETCH):
@@ -82,15 +82,15 @@ def make_whitener(problem: WrenchProblem, used: int) -> Whitener:
 
 
 def recursion(problem: WrenchProblem, used: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gains (U, 2, k) of bias and drift, 1 and 1/s, and (U, k) one over the innovations' standard deviation.
+    """Kalman gains (U, 2, k) of bias and drift, 1 and 1/s, and (U, k) inverse standard deviations of the innovations.
 
-    The covariance is that of ``process_models.drift_noise``, larger where the sensor was set to zero. Both are 0 where
-    nothing was measured. The k axes are six, or those of several densities side by side.
+    The process noise is that of ``process_models.drift_noise``, increased where the sensor was set to zero. Both
+    results are 0 where nothing was measured. The k axes are six, or those of several densities side by side.
     """
     dt, variance = np.asarray(problem.dt)[:used], np.asarray(problem.variance)[:used]
     variance = np.where(np.isfinite(np.asarray(problem.wrench)[:used]), variance, np.inf)
     one, zero = np.ones_like(dt), np.zeros_like(dt)
-    # Of the variance of the bias, its covariance with the drift, and the variance of the drift.
+    # Transition of the variance of the bias, its covariance with the drift, and the variance of the drift.
     steps = np.array([[one, 2 * dt, dt**2], [zero, one, dt], [zero, zero, one]]).transpose(2, 0, 1)
     noises = np.stack([dt**3 / 3, dt**2 / 2, dt], 1)[:, :, None] * np.asarray(problem.density) ** 2
     axes = variance.shape[1]
@@ -108,6 +108,6 @@ def recursion(problem: WrenchProblem, used: int) -> tuple[np.ndarray, np.ndarray
 
 
 def _filled(x: np.ndarray, n: int) -> np.ndarray:
-    """(U, ...) -> (n, STRETCH, ...) with zeros at the end."""
+    """(U, ...) -> (n, STRETCH, ...), padded with zeros at the end."""
     room = np.zeros((n * STRETCH - len(x), *x.shape[1:]))
     return np.concatenate([x, room]).reshape(n, STRETCH, *x.shape[1:])

@@ -1,1 +1,1 @@
-"""A diagnosis for readers: JSON, tables, figures and the HTML page."""
+"""Presentation of a diagnosis: JSON, tables, figures and the HTML page."""

@@ -14,7 +14,7 @@ SCHEMA = 2
 
 
 def save_json(diagnosis: Diagnosis, path: str | os.PathLike[str]) -> None:
-    """Write all but the plots' series, for programs, whole or not at all; ``Diagnosis.to_json`` is this.
+    """Write a diagnosis without the series of its plots as JSON, atomically; ``Diagnosis.to_json`` is bound to this.
 
     Raises:
         OutputError: the file cannot be written there.
@@ -23,7 +23,7 @@ def save_json(diagnosis: Diagnosis, path: str | os.PathLike[str]) -> None:
 
 
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The diagnosis for programs: plain dicts, lists, strings and finite numbers; None where there is no number."""
+    """The diagnosis as plain dicts, lists, strings and finite numbers, for programs; None where there is no number."""
     where, gap = diagnosis.where, diagnosis.gap
     content = {
         "schema": SCHEMA,
@@ -55,10 +55,10 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def load_found(path: str) -> tuple[tuple[Candidate, ...], tuple[FoundTerm, ...], dict[str, Any]]:
-    """Causes and terms of a saved diagnosis, a JSON file, and all of its content.
+    """Causes and terms of a diagnosis that was saved as JSON, and its whole content.
 
     Raises:
-        LogError: it cannot be read, or is no diagnosis.
+        LogError: the file cannot be read, or is no diagnosis.
     """
     content = read_json(path, "a diagnosis")
     try:
@@ -71,10 +71,10 @@ def load_found(path: str) -> tuple[tuple[Candidate, ...], tuple[FoundTerm, ...],
 
 
 def load_courses(path: str) -> tuple[str, tuple[Course, ...]]:
-    """Name of the setup of a saved diagnosis of pooled logs, and how its causes went on.
+    """Name of the setup of a saved diagnosis of pooled logs, and the time courses of its causes.
 
     Raises:
-        LogError: it cannot be read, or is no such diagnosis.
+        LogError: the file cannot be read, or is no such diagnosis.
     """
     content = read_json(path, "a diagnosis")
     try:

@@ -1,4 +1,4 @@
-"""A diagnosis as one HTML file that needs nothing else: no network, no fonts, and no script but its own."""
+"""A diagnosis as one self-contained HTML file: no network, no fonts, and no script but its own."""
 
 import os
 import shlex
@@ -16,9 +16,9 @@ from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.types import AXES
 
 MAX_RANKED = 12
-"""Candidates in the chart of the ranking."""
+"""Largest number of candidates in the chart of the ranking."""
 MAX_LOGS = 3
-"""Logs whose time plots are drawn."""
+"""Largest number of logs whose time plots are drawn."""
 HOW_TO_READ = (
     "The gap is what the corrected wrench differs from the model of the setup, beyond bias, drift and the stated noise;"
     " 1 noise sigma means that noise alone is left.",
@@ -31,9 +31,9 @@ HOW_TO_READ = (
 
 
 def save_html(diagnosis: Diagnosis, path: str | os.PathLike[str], title: str = "") -> None:
-    """Write a report with plots, one file, whole or not at all; ``Diagnosis.to_html`` is this.
+    """Write a report with plots as one file, atomically; ``Diagnosis.to_html`` is bound to this.
 
-    Its title "" stands for the names of logs and setup.
+    An empty title is replaced by the names of logs and setup.
 
     Raises:
         OutputError: the file cannot be written there.
@@ -44,7 +44,7 @@ def save_html(diagnosis: Diagnosis, path: str | os.PathLike[str], title: str = "
 
 
 def to_html(diagnosis: Diagnosis, title: str) -> str:
-    """The report, whose title may be any text."""
+    """The report as HTML; its title may be any text."""
     sections = (
         page.section("What to do", _remedies(diagnosis)),
         page.section("Causes", _causes(diagnosis.causes)),
@@ -97,7 +97,7 @@ def _causes(causes: Sequence[Candidate]) -> str:
 
 
 def _courses(courses: Sequence[Course]) -> str:
-    """When each cause began, and how it went on."""
+    """Onset and time course of each cause."""
     caption = "Every log with the standard error of its share; dashed: the first log that has the cause."
     return "".join(
         f"<p>{page.typeset(page.capital(words.course_words(one)))}.</p>"
@@ -123,14 +123,14 @@ def _terms(terms: Sequence[FoundTerm]) -> str:
 
 
 def _command(diagnosis: Diagnosis) -> str:
-    """What makes a setup with the causes, in the user's own names."""
+    """The command that writes a setup with the causes, with the user's own names of files."""
     logs, setup = diagnosis.logs or ("LOG",), diagnosis.setup_name or "SETUP.toml"
     made = diagnosis.command or shlex.join(("ftbias", "diagnose", *logs, "--setup", setup))
     return f"{made} --apply -o {shlex.quote(f'{PurePath(setup).stem}_fixed.toml')}"
 
 
 def _has_after(diagnosis: Diagnosis) -> bool:
-    """Whether anything was found that the reading after it is shown with."""
+    """Whether anything was found, so that the gap after it can be shown."""
     return bool(diagnosis.causes or diagnosis.terms)
 
 

@@ -1,6 +1,6 @@
-"""What all pages are made of: a head that loads nothing, sections, tables, figures, numbers that answer the pointer.
+"""Building blocks of all pages: a head that loads nothing, sections, tables, figures, and values under the pointer.
 
-The drawings are whole without the script: a browser without scripts, a printer and a screen reader get the same SVG.
+The drawings are complete without the script: a browser without scripts, a printer and a screen reader get the same SVG.
 """
 
 import base64
@@ -17,18 +17,18 @@ from ftbias_jax.diagnosis.result import Series
 from ftbias_jax.diagnosis.samples.bins import mean_of_bins
 
 MAX_NUMBERS = 1500
-"""Times of all logs together whose numbers are in the page; longer series are averaged."""
+"""Largest number of times of all logs together whose values are in the page; longer series are averaged."""
 DIGITS = 4
 STYLE_POLICY = "default-src 'none'; style-src 'unsafe-inline'"
-"""The browser itself refuses to load anything."""
+"""Content security policy with which the browser itself refuses to load anything."""
 PRINTED = {r" \+- ": " ± ", r"(?<=[a-z])\^2\b(?!\.)": "²", r"(?<=[a-z])\^3\b": "³", r"\bdeg C\b": "°C"}
-"""What is written as plain text -> the same in print."""
+"""Pattern in plain text -> its typographic form."""
 
 
 def whole_page(title: str, body: str, runs: str = "", style: str = "") -> str:
-    """One HTML file that needs nothing else: no network, no fonts, and no script but its own, which ``runs``.
+    """A self-contained HTML file: no network, no fonts, and no script but its own, whose source is ``runs``.
 
-    The title is any text, the body HTML of the header and the sections, the style CSS after that of all pages.
+    The title is any text, the body HTML of the header and the sections, the style CSS in addition to that of all pages.
     """
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -42,7 +42,7 @@ def whole_page(title: str, body: str, runs: str = "", style: str = "") -> str:
 
 
 def script() -> str:
-    """The script, as it stands in the page."""
+    """Source of the script of the page."""
     return _own_file("report.js")
 
 
@@ -51,7 +51,7 @@ def _own_file(name: str) -> str:
 
 
 def policy(text: str) -> str:
-    """A Content-Security-Policy that lets the script of this text run, "" = none, and nothing load."""
+    """A Content-Security-Policy that permits the script of this text, "" = none, and forbids loading anything."""
     if not text:
         return STYLE_POLICY
     digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
@@ -59,12 +59,12 @@ def policy(text: str) -> str:
 
 
 def section(title: str, content: str) -> str:
-    """A part of the page below a title, plain text; nothing where there is no content, HTML."""
+    """A section of the page with a plain-text title and HTML content; empty without content."""
     return f"<section><h2>{escape(title)}</h2>{content}</section>\n" if content else ""
 
 
 def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table whose first column names the row; empty without rows."""
+    """A table whose first column is the header of each row; empty without rows."""
     lines = [
         f'<tr><th scope="row">{typeset(first)}</th>{"".join(f"<td>{typeset(cell)}</td>" for cell in rest)}</tr>'
         for first, *rest in rows
@@ -73,43 +73,43 @@ def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def table_of(head: Sequence[str], rows: Sequence[str]) -> str:
-    """A table of rows that are HTML already; empty without rows."""
+    """A table of rows that are already HTML; empty without rows."""
     columns = "".join(f'<th scope="col">{escape(name)}</th>' for name in head)
     table = f"<table><thead><tr>{columns}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
     return f'<div class="scroll" tabindex="0">{table}</div>' if rows else ""
 
 
 def paragraphs(texts: Iterable[str]) -> str:
-    """Plain texts, one below the other."""
+    """Plain texts as paragraphs."""
     return "".join(f"<p>{escape(text)}</p>" for text in texts)
 
 
 def bullets(items: Iterable[str]) -> str:
-    """A list of HTML texts; empty without any."""
+    """A bulleted list of HTML texts; empty without items."""
     lines = "".join(f"<li>{item}</li>" for item in items)
     return f"<ul>{lines}</ul>" if lines else ""
 
 
 def figure(plot: str, caption: str, style: str = "") -> str:
-    """A drawing above its caption, plain text; style: a class of the page's style sheet."""
+    """A drawing above its plain-text caption; style: a class of the page's style sheet."""
     kind = f" class='{style}'" if style else ""
     return f"<figure{kind}>{plot}<figcaption>{caption}</figcaption></figure>"
 
 
 def capital(text: str) -> str:
-    """With a capital letter and a full stop."""
+    """The text with an initial capital letter and a full stop."""
     return f"{text[:1].upper()}{text[1:].removesuffix('.')}." if text else ""
 
 
 def typeset(text: str) -> str:
-    """What terminals of any encoding can show, as HTML: signs and powers of units as they are printed."""
+    """Text for terminals of any encoding as HTML, with signs and powers of units in typographic form."""
     for plain, printed in PRINTED.items():
         text = re.sub(plain, printed, text)
     return escape(text)
 
 
 def data_block(series: Series, name: str, with_after: bool, most: int = MAX_NUMBERS) -> str:
-    """The numbers of one log's plots against time, averaged to so many, as a block of JSON that no browser runs."""
+    """Values of one log's time plots, averaged to at most ``most`` times, as a block of JSON that no browser runs."""
     series = averaged(series, most)
     content: dict[str, object] = {"t": [round(float(t), 4) for t in series.t]}
     for key in ("before", "after", "noise") if with_after else ("before", "noise"):
@@ -119,7 +119,7 @@ def data_block(series: Series, name: str, with_after: bool, most: int = MAX_NUMB
 
 
 def averaged(series: Series, most: int) -> Series:
-    """At most so many times: means of neighbours, NaN left out, with the standard deviation that noise gives them."""
+    """Series at up to ``most`` times: means of neighbours without NaN, with the standard deviation of their noise."""
     pieces = min(len(series.t), max(most, 1))
     if pieces == len(series.t):
         return series

@@ -1,4 +1,4 @@
-"""The plots of a diagnosis as SVG. What is in the result is drawn: series are thinned, nothing else is computed."""
+"""The plots of a diagnosis as SVG, drawn from its result: series are thinned, nothing else is computed."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,24 +11,24 @@ from ftbias_jax.diagnosis.result import ALL_ALONG, Course, Curve, Gap, Series
 from ftbias_jax.types import AXES, AXIS_UNITS
 
 MAX_BUCKETS = 230
-"""Pieces of a time plot; each shows its smallest and its largest value, so that no peak is lost."""
+"""Segments of a time plot; each shows its smallest and its largest value, so that no peak is lost."""
 MAX_NOISE = 60
-"""Points of the band of noise, which is smooth."""
+"""Largest number of points of the noise band, which is smooth."""
 MAX_DOTS = 900
 MEAN_BINS = 12
 NAMES = 158
-"""Drawing units for the names of effects."""
+"""Width of the names of effects in drawing units."""
 ROW = 24
 """Drawing units from one horizontal bar to the next."""
 
 
 def channel_title(channel: int) -> str:
-    """Such as "Force x [N]"."""
+    """Name and unit of a channel, such as "Force x [N]"."""
     return f"{'Force' if channel < 3 else 'Torque'} {'xyz'[channel % 3]} [{AXIS_UNITS[channel]}]"
 
 
 def plot_gap(gap: Gap, with_after: bool) -> str:
-    """Bars of the held-out rms by channel in units of the noise; the after only where there is a cause."""
+    """Bars of the held-out rms per channel in units of the noise; those after the causes only ``with_after``."""
     before, after = (sigmas_by_channel(rms, gap.noise_floor) for rms in (gap.before_rms, gap.after_rms))
     rows = [*zip(AXES, before, after, strict=True), ("all", gap.before_sigmas, gap.after_sigmas)]
     top = svg.data_range(before, after, np.array([gap.before_sigmas, gap.after_sigmas, 1.0]), zero=True)[1]
@@ -53,11 +53,11 @@ def plot_gap(gap: Gap, with_after: bool) -> str:
 
 
 def plot_time(series: Series, channel: int, name: str, with_after: bool) -> str:
-    """One channel against time, before and after, over the band that noise alone would fill; name: as of drawings."""
+    """One channel against time, before and after, over the band of noise alone; name: unique in the page."""
     before, after, noise = (part[:, channel] for part in (series.before, series.after, series.noise))
     shown = [("before", before), ("after", after)] if with_after else [("before", before)]
     axes = svg.Axes(_time_range(series.t), svg.data_range(*(y for _, y in shown), 2 * noise, -2 * noise), top=24)
-    some = np.unique(np.linspace(0, len(noise) - 1, min(len(noise), MAX_NOISE)).astype(int))  # with both ends
+    some = np.unique(np.linspace(0, len(noise) - 1, min(len(noise), MAX_NOISE)).astype(int))  # including both ends
     t, noise = series.t[some], noise[some]
     parts = [
         svg.frame(axes, channel_title(channel), svg.x_axis(axes, "time [s]")),
@@ -71,7 +71,7 @@ def plot_time(series: Series, channel: int, name: str, with_after: bool) -> str:
 
 
 def plot_regressor(series: Sequence[Series]) -> str:
-    """What is left against the quantity that the first cause acts through, in the channel that follows it most."""
+    """Residuals against the regressor of the first cause, in the channel that follows it most."""
     arrays = ((one.regressor, one.whole, one.after, one.noise) for one in series)
     x, before, after, noise = (np.concatenate(parts) for parts in zip(*arrays, strict=True))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -85,14 +85,14 @@ def plot_regressor(series: Sequence[Series]) -> str:
 
 
 def plot_term(found: Curve, name: str) -> str:
-    """What was left against the drive of a term, with the means of the term itself; name: unique in the page."""
+    """Residuals against the drive of a term, with the means of the term itself; name: unique in the page."""
     lines = {"before": found.left, "after": found.fitted}
     words = f"Means of {MEAN_BINS} bins with standard errors."
     return _against(name, found.drive, found.drive_name, found.left_name, lines, words)
 
 
 def plot_course(course: Course, name: str) -> str:
-    """The share of a cause by date, in days since the first log, and when it began; name: unique in the page."""
+    """The share of a cause against days since the first log, and its onset; name: unique in the page."""
     days, began = ((x - course.dates[0]) / 86400 for x in (course.dates, np.array(course.since)))
     shown = (course.share - course.stderr, course.share + course.stderr)
     axes = svg.Axes(svg.data_range(days), svg.data_range(*shown, zero=True), top=24)
@@ -106,7 +106,7 @@ def plot_course(course: Course, name: str) -> str:
 
 
 def _against(name: str, x: np.ndarray, x_name: str, y_name: str, lines: dict[str, np.ndarray], words: str) -> str:
-    """Means over bins of x of what is before and after, with the single values before as dots."""
+    """Binned means of the residuals before and after against x, with the single values before as dots."""
     sparse = slice(None, None, max(1, len(x) // MAX_DOTS))
     axes = svg.Axes(svg.data_range(x), svg.data_range(*(y[sparse] for y in lines.values())), top=24, height=190)
     below = svg.x_axis(axes, x_name)
@@ -142,7 +142,7 @@ class Bar(NamedTuple):
     nats: float
     """nats/s, held out."""
     stderr: float
-    """Of its difference to the best one where the two were compared block by block, else of the gain itself."""
+    """Standard error of the difference to the best one if compared block by block, else of the gain itself."""
     words: str
     named: bool
     """Whether it is named as a cause, or is the term that was found."""

@@ -1,4 +1,4 @@
-"""The headline of a diagnosis: what was found with its value, what it is worth, and what to do, in forty words."""
+"""The headline of a diagnosis in forty words: what was found with its value, its share of the error, and what to do."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
@@ -15,9 +15,9 @@ MEAN_GAP = 0.01
 SMALL = 0.1
 """Noise sigmas beyond noise alone up to which a gap is called small."""
 MOST_WORDS = 40
-"""An engineer reads the first line only."""
+"""Largest number of words: an engineer reads the first line only."""
 FEW_WORDS = 6
-"""Of a remedy, beyond which only its first clause is taken."""
+"""Words of a remedy beyond which only its first clause is taken."""
 FORCE, TORQUE = slice(0, 3), slice(3, 6)
 Found = Candidate | FoundTerm
 
@@ -31,7 +31,7 @@ def headline(
 ) -> str:
     """What was found, in this order, the error before and after it in N or Nm, and what to do; errors are held-out rms.
 
-    Twins of the causes have their own statements among all candidates. Of what nobody can name is told where it is.
+    Statements of the causes' twins are among those of all candidates. For an unexplained gap its location is stated.
     """
     if verdict == "none":
         return f"The log agrees with the setup: {_error(gap)}. Nothing to do."
@@ -47,7 +47,7 @@ def headline(
 
 
 def no_free_motion(gap: Gap, seconds: float) -> str:
-    """The headline of logs in which something touches the tool from the first second to the last."""
+    """The headline of logs in which the tool is in contact from the first second to the last."""
     return (
         f"Something touches the tool from 0 to {seconds:.1f} s: no free motion, so nothing else can be told. "
         f"{_capital(_error(gap))}. Record some seconds of free motion, or tare."
@@ -55,7 +55,7 @@ def no_free_motion(gap: Gap, seconds: float) -> str:
 
 
 def _from_long_to_short(found: Sequence[Found], twins: dict[str, str]) -> Iterator[str]:
-    """What was found, in fewer and fewer words: with twins, with their names, without, and the first alone."""
+    """What was found, from long to short: with twins' statements, with their names, without, and the first alone."""
     plain = list(map(_plain, found))
     for say in (twins, {}):
         yield _and(words + _alike(one, say) for words, one in zip(plain, found, strict=True))
@@ -71,7 +71,7 @@ def _plain(one: Found) -> str:
 
 
 def _alike(one: Found, say: dict[str, str]) -> str:
-    """What a term looks like; of a cause the first twin in brackets: its own statement, or its name."""
+    """What a term resembles, or the first twin of a cause in brackets, by its own statement or its name."""
     if isinstance(one, FoundTerm):
         return f", like {one.resembles[0]}" if one.resembles else ""
     if not one.indistinguishable_from:
@@ -86,7 +86,7 @@ def _and(parts: Iterable[str]) -> str:
 
 
 def _worth(verdict: str, gap: Gap, short: bool = False) -> str:
-    """How far the error falls."""
+    """How far the error falls, in words."""
     if gap.before_sigmas - 1 < MEAN_GAP:
         return "the mean reading agrees with the setup"
     if verdict == "explained" and gap.shrink == 0:
@@ -116,7 +116,7 @@ def _unexplained(gap: Gap, found: Sequence[Found], where: Where | None) -> str:
 
 
 def _what_to_do(found: Sequence[Found]) -> tuple[str, ...]:
-    """The first clause of the first remedy, and what the command can do by itself alone."""
+    """Advice from long to short: the first clause of the first remedy, and what the command can do alone."""
     remedies = (one.remedy if isinstance(one, Candidate) else one.check for one in found)
     first = next(filter(None, remedies), "")
     for end in (";", ":", ","):
@@ -127,7 +127,7 @@ def _what_to_do(found: Sequence[Found]) -> tuple[str, ...]:
 
 
 def _sizes(gap: Gap) -> tuple[list[float], str]:
-    """rms before, after and of noise alone, of force or torque, whichever departs more from noise; and their unit."""
+    """rms before, after and of noise alone, for force or torque, whichever departs more from noise; and their unit."""
     force, torque = (
         [_size(rms[group]) for rms in (gap.before_rms, gap.after_rms, gap.noise_floor)] for group in (FORCE, TORQUE)
     )
@@ -136,18 +136,18 @@ def _sizes(gap: Gap) -> tuple[list[float], str]:
 
 
 def _size(rms: np.ndarray) -> float:
-    """rms over the channels that are measured."""
+    """rms over the measured channels."""
     values = rms[np.isfinite(rms)]
     return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
 
 
 def _capital(text: str) -> str:
-    """With a capital letter, unless the name of a channel comes first."""
+    """The text with an initial capital letter, unless it starts with the name of a channel."""
     return text if text.startswith(AXES) else f"{text[:1].upper()}{text[1:]}"
 
 
 def note(setup: Setup, rest: str = "") -> str:
-    """What a reader must know beside the headline, in further sentences, the last one ``at_rest.rest_in_words``."""
+    """What a reader must know besides the headline, in further sentences; the last one is ``at_rest.rest_in_words``."""
     told = []
     if setup.sensor.correlated_std is not None and setup.sensor.correlated_std.any():
         told.append("The setup's correlated noise is not used here: errors are judged against white noise and drift.")

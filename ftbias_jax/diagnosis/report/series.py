@@ -1,7 +1,7 @@
-"""What the report shows of a diagnosis: where the gap is, by channels, times, regimes and frequencies, and series.
+"""Location of the gap by channels, times, regimes and frequencies, and the series that the report shows.
 
-Where it is, is judged by squares of the residual in units of its noise: noise alone gives each square the mean 1, so
-the *excess* over 1 is the gap. A statement is made only if chance would hardly make it.
+The location follows from squared residuals in units of their noise: noise alone gives each square a mean of 1, so the
+*excess* over 1 is the gap. A location is stated only if chance is unlikely to produce it.
 """
 
 from collections.abc import Iterator
@@ -26,37 +26,37 @@ SERIES_SECONDS = 0.2
 BREAK = 10.0
 """s between two logs laid end to end."""
 SIGNIFICANT = 3.0
-"""Standard errors by which a statement must differ from chance."""
+"""Standard errors by which a stated location must differ from chance."""
 NOTABLE = 1.3
-"""A regime must hold this many times its share of the time."""
+"""Least ratio of a regime's share of the gap to its share of the time."""
 BLOCK = 1.0
-"""s, pieces of a log that are taken as independent of each other."""
+"""s, blocks of a log that are taken as independent of each other."""
 WINDOW = 0.2
 """s, resolution of the intervals."""
 STANDS_OUT = 1.5
-"""An interval's mean excess must be this many times that of the whole log."""
+"""Least ratio of an interval's mean excess to that of the whole log."""
 MAX_INTERVALS = 5
 BAND_EDGES = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
-"""Hz."""
+"""Hz, edges of the frequency bands."""
 SMALLEST_BAND = 0.02
-"""Share of the gap below which a band is not worth a line."""
+"""Share of the gap below which a band is not listed."""
 HANN_SPREAD = 35 / 18
 """Sum of squared correlations of neighbouring frequencies under a Hann window."""
 LEAST_WARMING = 1.0
-"""K, range of temperature below which there is no warm and cold."""
+"""K, range of temperature below which no warm and cold regimes are distinguished."""
 
 
 class Conditions(NamedTuple):
-    """What the robot was doing, at the bins of the residual; NaN = not known there."""
+    """Motion and temperature of the robot at the bins of the residual; NaN = not known there."""
 
     speed: np.ndarray
-    """(B,) rad/s, norm of the joint velocities, or of the sensor's turning if its pose is recorded."""
+    """(B,) rad/s, norm of the joint velocities, or of the sensor's angular velocity if its pose is recorded."""
     acceleration: np.ndarray
-    """(B,) rad/s^2, norm of the joint accelerations, or of the sensor's angular one."""
+    """(B,) rad/s^2, norm of the joint accelerations, or of the sensor's angular acceleration."""
     gravity: np.ndarray
     """(B, 3) direction of gravity in the sensor frame, unit vector."""
     load_rate: np.ndarray
-    """(B,) positive while the size of the load on the sensor grows, any unit."""
+    """(B,) rate of the magnitude of the load on the sensor, positive while it grows, any unit."""
     temperature: np.ndarray | None = None
     """(B,) deg C, if recorded."""
 
@@ -75,13 +75,13 @@ def where(problem: Problem, held: HeldOut, stages: tuple[str, ...]) -> Where:
 
 
 def show(problem: Problem, base: Fit, accepted: Fit, before: HeldOut, after: HeldOut) -> tuple[Series, ...]:
-    """Coarse means of the innovations of each log, and what the causes change in the reading."""
+    """Coarse means of the innovations of each log, and of the change that the causes make to the reading."""
     without, with_causes = readings(problem, np.stack([base.z, accepted.z]))
     change = with_causes - without + accepted.of_series()
-    # A constant change is no regressor: the channel that changes most.
+    # A constant change is no regressor, so the channel whose change varies most is taken.
     channel = int((change / problem.noise_std).var(0).argmax())
     first, last = (held.error * np.sqrt(problem.variance) for held in (before, after))
-    # Innovations are nearly white: what is left with the causes, plus what they add, is what was left without them.
+    # Innovations are nearly white, so those with the causes plus the change by the causes are those without them.
     refitted = np.where(problem.samples > 0, last + change - change.mean(0), 0.0)
     arrays = (problem.t, first, last, problem.variance, change[:, channel], refitted)
     found = []
@@ -97,7 +97,6 @@ def show(problem: Problem, base: Fit, accepted: Fit, before: HeldOut, after: Hel
 
 
 def _motion(problem: Problem) -> Conditions:
-    """What the robot was doing at the bins."""
     carrier: Arm | FreeBody = problem.parts[0].signals.model.arm
     gravity = np.asarray(problem.parts[0].signals.model.gravity)
     if isinstance(carrier, FreeBody):
@@ -117,10 +116,10 @@ def _motion(problem: Problem) -> Conditions:
 
 
 def locate(white: np.ndarray, t: np.ndarray, motion: Conditions, stages: tuple[str, ...] = ()) -> Where:
-    """Where in the log the gap is: channels always; intervals, regimes and bands only where they are significant.
+    """Location of the gap in a log: channels always; intervals, regimes and bands only where they are significant.
 
-    The residuals (B, 6) in standard deviations of their noise are of means of bins at t (B,) s, increasing, NaN = not
-    measured. The stages of the named causes are passed through.
+    ``white`` (B, 6) holds residuals of means of bins at t (B,) s, increasing, in standard deviations of their noise,
+    NaN = not measured. The stages of the named causes are passed through.
     """
     seen = np.isfinite(white)
     white = np.where(seen, white, 0.0)
@@ -143,9 +142,9 @@ def _shares(white: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def _intervals(excess: np.ndarray, count: np.ndarray, t: np.ndarray) -> tuple[tuple[float, float, float], ...]:
-    """(start s, end s, gap in noise sigmas) of the times that stand out, in the order of time; the largest few.
+    """(start s, end s, gap in noise sigmas) of at most MAX_INTERVALS intervals with the largest gap, in order of time.
 
-    Excess (B,) is the sum of the squares of so many measured channels, count (B,), less its expectation.
+    ``excess`` (B,) is the sum of squares over the measured channels, ``count`` (B,) of them, minus its expectation.
     """
     if not count.any():
         return ()
@@ -177,7 +176,7 @@ def _runs(marks: np.ndarray) -> list[tuple[int, int]]:
 def _significant_regimes(
     excess: np.ndarray, count: np.ndarray, t: np.ndarray, motion: Conditions
 ) -> tuple[Regime, ...]:
-    """Regimes that hold significantly more of the gap than of the time, the most telling first."""
+    """Regimes that hold significantly more of the gap than of the time, the most significant first."""
     total = float(excess.sum())
     block = np.floor((t - t[0]) / BLOCK).astype(int) if len(t) else np.zeros(0, int)
     if _standard_errors(excess, block) < SIGNIFICANT:
@@ -193,14 +192,14 @@ def _significant_regimes(
 
 
 def _standard_errors(terms: np.ndarray, block: np.ndarray) -> float:
-    """Size of a sum in standard errors, the sums of the blocks taken as independent draws with mean 0."""
+    """A sum in units of its standard error, with the sums of the blocks as independent draws with mean 0."""
     sums = np.bincount(block, terms)
     spread = float(np.sqrt(sums @ sums))
     return float(sums.sum()) / spread if spread > 0 else 0.0
 
 
 def _regimes(t: np.ndarray, motion: Conditions) -> Iterator[tuple[str, np.ndarray]]:
-    """(name, (B,) whether a bin belongs to it) of the regimes that this motion has."""
+    """(name, (B,) bool: whether a bin belongs to it) for the regimes that occur in this motion."""
     yield from _outer_thirds(motion.speed, "fast motion (over {:.2g} rad/s)", "slow motion (under {:.2g} rad/s)")
     yield from _outer_thirds(
         motion.acceleration, "strong acceleration (over {:.2g} rad/s²)", "weak acceleration (under {:.2g} rad/s²)"

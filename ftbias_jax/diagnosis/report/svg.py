@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 WIDTH = 360
-"""Units across every drawing: those of a phone's screen, so that the letters keep their size there."""
+"""Width of every drawing in drawing units: that of a phone's screen, so that letters keep their size there."""
 
 
 class Axes(NamedTuple):
@@ -23,29 +23,29 @@ class Axes(NamedTuple):
 
     @property
     def data(self) -> dict[str, object]:
-        """What the page's script needs to know of it: left, top, width and height."""
+        """Attributes for the page's script: left, top, width and height."""
         numbers = (self.left, self.top, self.width, self.height)
         return {"axes": " ".join(f"{number:.6g}" for number in numbers)}
 
     def across(self, values: np.ndarray) -> np.ndarray:
-        """Data to drawing units, x."""
+        """Convert x from data to drawing units."""
         low, high = self.x
         return self.left + self.width * (np.asarray(values, float) - low) / (high - low)
 
     def down(self, values: np.ndarray) -> np.ndarray:
-        """Data to drawing units, y (which SVG counts downwards)."""
+        """Convert y from data to drawing units, which SVG counts downwards."""
         low, high = self.y
         return self.top + self.height * (high - np.asarray(values, float)) / (high - low)
 
 
 def escape(text: object) -> str:
-    """Text that no markup and no control character gets through; safe in attributes too."""
+    """Text with markup escaped and control characters replaced; safe in attributes too."""
     visible = "".join(c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}" for c in str(text))
     return html.escape(visible, quote=True)
 
 
 def drawing(name: str, height: float, title: str, description: str, parts: Iterable[str], /, **data: object) -> str:
-    """A whole drawing of SVG elements, already escaped, with plain text that a screen reader says about it.
+    """A whole drawing of SVG elements, already escaped, with a plain-text title and description for screen readers.
 
     The name, unique in the page, has letters, digits and hyphens; data are attributes for the page's script.
     """
@@ -113,7 +113,7 @@ def error_bars(axes: Axes, x: np.ndarray, y: np.ndarray, error: np.ndarray, styl
 
 
 def frame(axes: Axes, y_name: str, below: str) -> str:
-    """Grid lines across with their labels, the name of the values, and the axis below, such as ``x_axis``."""
+    """Horizontal grid lines with their labels, the name of the values, and the axis below, such as ``x_axis``."""
     right, values = axes.left + axes.width, ticks(*axes.y, round(axes.height / 26))
     parts = [label(2, axes.top - 10, y_name, "start", "name")]
     for value, y in zip(values, axes.down(np.array(values)), strict=True):
@@ -160,7 +160,7 @@ def data_range(*series: np.ndarray, zero: bool = False) -> tuple[float, float]:
 
 
 def thin(t: np.ndarray, y: np.ndarray, buckets: int) -> tuple[np.ndarray, np.ndarray]:
-    """The smallest and the largest of the values (B,) of every bucket, in the order of time; NaN where all is NaN."""
+    """The smallest and the largest value (B,) of every bucket, in the order of time; NaN where all values are NaN."""
     if len(t) <= 2 * buckets:
         return t, y
     kept: list[int] = []

@@ -14,9 +14,9 @@ from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.types import AXES
 
 SUREST = 3
-"""Numbers of a longer one."""
+"""Numbers that a table shows of a parameter with more than LONGEST_LIST, the most significant first."""
 LONGEST_LIST = 6
-"""Numbers of one parameter that a table shows; the JSON has all."""
+"""Largest number of values of one parameter that a table shows; the JSON has all."""
 
 
 def to_table(diagnosis: Diagnosis) -> str:
@@ -71,14 +71,14 @@ def term_numbers(term: FoundTerm) -> list[tuple[str, str]]:
 
 
 def behind_words(candidate: Candidate) -> str:
-    """How much less than the best of the ranking a candidate gains, compared block by block; "" = not compared."""
+    """How much less a candidate gains than the best of the ranking, compared block by block; "" = not compared."""
     if not np.isfinite(candidate.behind):
         return ""
     return "best" if candidate.behind_stderr == 0 else f"-{value_words(candidate.behind, candidate.behind_stderr)}"
 
 
 def share_words(cause: Candidate) -> str:
-    """The share of the gap that a cause removes; single samples say nothing of that."""
+    """The share of the gap that a cause removes; a finding in single samples has none."""
     return f"{percent(cause.shrink)} of the gap" if cause.shrink > 0 else "seen in single samples"
 
 
@@ -146,7 +146,7 @@ def _gap_lines(gap: Gap) -> list[str]:
 
 
 def log_lines(diagnosis: Diagnosis) -> list[str]:
-    """One line for each of several logs: its gap, and the causes by this log alone."""
+    """One line for each of several logs: its gap, and the causes as fitted to this log alone."""
     lines = []
     for log in diagnosis.by_log:
         gap = f"{log.before_sigmas:.3g} -> {log.after_sigmas:.3g} noise sigmas"
@@ -162,7 +162,7 @@ def log_lines(diagnosis: Diagnosis) -> list[str]:
 
 
 def course_words(course: Course) -> str:
-    """When a cause began, and how it goes on."""
+    """Onset and time course of a cause in words."""
     varies = f"; it varies by {percent(course.scatter)} from log to log" if course.scatter else ""
     if course.begins == ALL_ALONG:
         return f"{course.effect}: in all {len(course.dates)} logs since {day(course.since)}{varies}"
@@ -173,12 +173,12 @@ def course_words(course: Course) -> str:
 
 
 def day(date: float) -> str:
-    """Such as 2026-03-14."""
+    """Date of a time in s since 1970, such as 2026-03-14."""
     return datetime.fromtimestamp(date, UTC).strftime("%Y-%m-%d")
 
 
 def shrink_words(gap: Gap) -> str:
-    """How far the gap shrinks, in percent with its standard error; of a small one no share is worth saying."""
+    """How far the gap shrinks, in percent with its standard error; for a small gap no share is stated."""
     if gap.before_sigmas - 1 < SMALL:
         return "nothing to speak of: it is small"
     error = f" ± {100 * gap.shrink_stderr:.2g}" if np.isfinite(gap.shrink_stderr) else ""
@@ -211,12 +211,12 @@ def percent(share: float) -> str:
 
 
 def one_line(text: str) -> str:
-    """The text without what would move a terminal's cursor or break the line."""
+    """The text with every character replaced that would move a terminal's cursor or break the line."""
     return "".join(character if character.isprintable() else "?" for character in text)
 
 
 def origin_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """(what, value) of the provenance: one file a row, and what holds for all."""
+    """(what, value) of the provenance: one row per file, and the entries common to all."""
     origin = diagnosis.provenance
     if origin is None:
         return []
@@ -234,6 +234,6 @@ def origin_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 
 def _versions() -> str:
-    """Of all that numbers depend on."""
+    """Versions of all packages that the results depend on."""
     others = ", ".join(f"{name} {version(name)}" for name in ("jax", "jaxlib", "numpy"))
     return f"ftbias_jax {__version__}, {others}, Python {python_version()}"

@@ -1,1 +1,1 @@
-"""What single samples show before they are averaged into bins: spikes, lattices, saturation, jitter."""
+"""Effects found in single samples before they are averaged into bins: spikes, lattices, saturation, jitter."""

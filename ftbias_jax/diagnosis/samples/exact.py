@@ -23,16 +23,16 @@ class Lattice(NamedTuple):
     """N or Nm."""
     stderr: float
     on_lattice: int
-    """Samples that are multiples of the step away from one another."""
+    """Number of samples that are multiples of the step away from one another."""
 
 
 class FlatTop(NamedTuple):
-    """Readings of one channel that stop at one value, on one side."""
+    """Saturation of one channel: readings that stop at one value, on one side."""
 
     value: float
     """N or Nm, with its sign."""
     ties: int
-    """Samples there."""
+    """Number of samples at this value."""
     nats: float
 
 
@@ -42,9 +42,9 @@ class Gaps(NamedTuple):
     period: float
     """s; 0 = the stamps have no common period."""
     lost: np.ndarray
-    """(G,) samples that the clock lacks, gap by gap."""
+    """(G,) number of samples missing from the clock in each gap."""
     pauses: int
-    """Holes too long to be lost samples."""
+    """Number of holes too long to be lost samples."""
 
 
 def repeated_rows(wrench: np.ndarray) -> np.ndarray:
@@ -59,7 +59,7 @@ def runs(marked: np.ndarray) -> np.ndarray:
 
 
 def find_dropped(repeated: np.ndarray, gaps: Gaps) -> Finding:
-    """Rows that repeat the one before, marked in (N,) bool, and rows that the clock lacks."""
+    """Finding of lost samples: rows that repeat the one before, marked in (N,) bool, and rows that the clock lacks."""
     samples, copies, missing = len(repeated), int(repeated.sum()), int(gaps.lost.sum())
     total, lost = samples + missing, copies + missing
     rate, share = lost / total, copies / lost if lost else 1.0
@@ -75,7 +75,7 @@ def find_dropped(repeated: np.ndarray, gaps: Gaps) -> Finding:
 
 
 def find_lattice(x: np.ndarray) -> Lattice:
-    """The lattice most samples (N,) lie on."""
+    """The lattice on which most samples (N,) lie."""
     values, counts = np.unique(x, return_counts=True)
     levels, counts = values[counts > 1], counts[counts > 1]
     if counts.sum() < thresholds.LEAST_SHARE_ON_LATTICE * len(x) or len(levels) < 3:
@@ -95,21 +95,21 @@ def find_lattice(x: np.ndarray) -> Lattice:
 
 
 def find_quantisation(lattices: Sequence[Lattice], step: np.ndarray, error: np.ndarray, noise: np.ndarray) -> Finding:
-    """Lattices that are coarse against the stated noise: steps (6,) N, Nm, 0 = none, with standard errors."""
+    """Finding of lattices coarse relative to the stated noise: steps (6,) N, Nm, 0 = none, with standard errors."""
     coarse = step >= thresholds.COARSE * noise
     sentence, nats = "readings lie on no coarse lattice", 0.0
     if coarse.any():
         on_lattice = max(lattice.on_lattice for lattice in lattices)
-        nats = surprise(on_lattice, 0.1 * on_lattice)  # a tenth would be as near by chance
+        nats = surprise(on_lattice, 0.1 * on_lattice)  # a tenth of them would be as close by chance
         ratio = (step / noise)[coarse].max()
         sentence = f"readings of {name_channels(coarse)} are multiples of a step of up to {ratio:.2g} noise sigmas"
     return Finding(LATTICE, bool(coarse.any()), {"step": step.tolist()}, {"step": error.tolist()}, nats, sentence)
 
 
 def find_flat_tops(x: np.ndarray, noise_std: float, step: float) -> list[FlatTop]:
-    """The largest and the smallest value of (N,) where they are limits.
+    """Saturation limits of one channel, among its largest and its smallest value.
 
-    Noise scatters the samples of a pose around it, so few share the extreme value, and more lie just inside of it.
+    Noise scatters the samples of a pose: without a limit, few share the extreme value and more lie just inside of it.
 
     Args:
         x: (N,) N or Nm, readings of one channel.
@@ -132,13 +132,13 @@ def find_flat_tops(x: np.ndarray, noise_std: float, step: float) -> list[FlatTop
 
 
 def at_top(x: np.ndarray, tops: Sequence[FlatTop]) -> np.ndarray:
-    """(N,) samples that are at a limit, which may have been rounded to the log's precision."""
+    """(N,) bool: samples at a limit, which may have been rounded to the log's precision."""
     at = [np.sign(top.value) * (x - top.value) >= -8 * FLOAT32 * abs(top.value) for top in tops]
     return np.logical_or.reduce(at) if at else np.zeros(len(x), bool)
 
 
 def find_saturation(tops: Sequence[Sequence[FlatTop]]) -> Finding:
-    """Flat tops on either side of six channels; the one with more samples gives the limit."""
+    """Finding of flat tops on either side of six channels; the one with more samples gives the limit of a channel."""
     limits, words, nats = [float("inf")] * 6, [], 0.0
     for channel, found in enumerate(tops):
         if found:
@@ -153,8 +153,8 @@ def find_saturation(tops: Sequence[Sequence[FlatTop]]) -> Finding:
 def find_gaps(t: np.ndarray) -> Gaps:
     """Samples missing from the clock of the stamps (N,) s.
 
-    A late stamp is followed by a short interval and is no gap, so an interval counts only if neither of the two it
-    forms with its neighbours makes up for it.
+    A late stamp is no gap: a short interval follows it. An interval therefore counts only if no neighbour makes up for
+    it.
     """
     dt = np.diff(t)
     short = np.quantile(dt, 0.1)

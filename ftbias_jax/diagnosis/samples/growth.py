@@ -1,9 +1,9 @@
 """Noise whose variance grows with the speeds of the joints, judged by held-out likelihood.
 
-The squares of what the fast waves leave of each sample have the noise's variance as their mean. A constant and
-squared joint speeds with weights that are not negative are fitted to them by the maximum of the likelihood of normal
-noise, and must predict the variance on blocks of the log that they have not seen better than a constant does. A speed
-from which the variance grows with the speed alone must predict it better again.
+The squared high-frequency part of each sample has the noise variance as its mean. A constant and the squared joint
+speeds, with non-negative weights, are fitted to it by maximum likelihood for normal noise, and must predict the
+variance on held-out blocks of the log better than a constant does. A speed above which the variance grows linearly
+instead must improve this prediction again.
 """
 
 from collections.abc import Callable
@@ -26,14 +26,14 @@ from ftbias_jax.model.effects.fitting import GROWTH
 from ftbias_jax.model.motion_noise import MotionNoise, effective_speed_squared
 
 MOST_ROWS = 12288
-"""Longer logs are averaged over runs of samples, in which the speed hardly changes."""
+"""Largest number of rows; longer logs are averaged over runs of samples in which the speed hardly changes."""
 SPEEDS, FINER = tuple(2.0**-k for k in range(6)), (0.5, 0.25, 0.125)
-"""rad/s from which the variance may grow with the speed alone, tried first; then powers of 2 on either side of the
-best. A joint slower than the last of them rests, so a lower speed would change nothing."""
+"""rad/s, candidate speeds above which the variance grows linearly with speed, tried first; then powers of 2 on either
+side of the best. A joint slower than the last of them is at rest, so a lower speed would change nothing."""
 ROUNDS_TO_COMPARE = 20
-"""Of the fits that only choose the speed."""
+"""Largest number of iterations of the fits that only select the speed."""
 FAR, LOWEST = 3.0, 0.1
-"""Standard errors at which a speed may be, and the share of it that it is not below."""
+"""Standard errors by which the speed may be lower, and the least share of it that is then assumed."""
 
 
 class Growth(NamedTuple):
@@ -46,33 +46,33 @@ class Growth(NamedTuple):
     rest: np.ndarray
     """(k,) N^2, Nm^2: variance at rest."""
     nats: float
-    """Gain over a constant of the best size, on blocks that both have not seen; all samples of the log."""
+    """Gain in nats over the best constant on held-out blocks, for all samples of the log."""
     nats_stderr: float
     visible: float
-    """Standard deviation in the fastest tenth of the log per standard deviation at rest, where it grows most."""
+    """Standard deviation in the fastest tenth of the log per that at rest, in the channel in which it grows most."""
     shows_rest: bool
-    """The log rests long enough for ``rest`` to be more than what the form of the growth leaves over."""
+    """Whether the log rests long enough for ``rest`` to be more than a residual of the form of the growth."""
     speed: float | None
-    """rad/s from which it grows with the speed alone (``effective_speed_squared``); None = with its square, always."""
+    """rad/s above which the variance grows linearly (``effective_speed_squared``); None = always quadratically."""
     speed_stderr: float
     rest_factor: np.ndarray
-    """(k,) by which the standard deviation at rest differs if it grows with the square at any speed: which form the
-    growth has is not so sure that the difference would be evidence."""
+    """(k,) ratio of the standard deviation at rest under quadratic growth at any speed to the reported one: the form of
+    the growth is not certain enough for the difference to be evidence."""
 
     @property
     def detected(self) -> bool:
-        """It is certain, and large enough to matter."""
+        """Whether the growth is significant and large enough to matter."""
         certain = self.nats > max(GROWTH_NATS, CERTAIN * self.nats_stderr)
         return certain and self.visible > GROWTH_VISIBLE
 
     @property
     def relative(self) -> MotionNoise:
-        """The growth per variance at rest."""
+        """The growth relative to the variance at rest."""
         return MotionNoise(self.variance / self.rest, self.speed)
 
     @property
     def finding(self) -> Finding:
-        """The same of six channels as a finding."""
+        """The growth in six channels as a finding."""
         sentence = "the noise does not grow with the speed of the motion, or no more than it may by chance"
         if self.detected:
             grown = name_channels(np.asarray(self.variance.any(0)))
@@ -86,19 +86,19 @@ class Growth(NamedTuple):
 
 
 def no_growth(joints: int, rest: np.ndarray) -> Growth:
-    """Nothing seen, in noise of variance (k,) N^2, Nm^2."""
+    """Result without growth, for noise of variance (k,) N^2, Nm^2."""
     zeros = np.zeros((joints, len(rest)))
     return Growth(zeros, zeros, rest, 0.0, 0.0, 1.0, True, None, 0.0, np.ones(len(rest)))
 
 
 def measure_growth(t: np.ndarray, squares: np.ndarray, speed: np.ndarray, samples: int) -> Growth:
-    """Fit the growth to all of a log, and judge it on blocks.
+    """Fit the growth to a whole log, and judge it on held-out blocks.
 
     Args:
         t: (N,) s.
-        squares: (N, k) N^2, Nm^2, whose mean is the variance.
+        squares: (N, k) N^2, Nm^2, squared noise whose mean is the variance.
         speed: (N, n) rad/s, of the joints.
-        samples: of the log, of which N can be examined.
+        samples: number of samples of the log, of which N can be examined.
     """
     run = -(-len(t) // MOST_ROWS)
     t, squares, fast = (average_runs(x, run) for x in (t, squares, speed**2))
@@ -138,24 +138,24 @@ def measure_growth(t: np.ndarray, squares: np.ndarray, speed: np.ndarray, sample
 
 
 def _alike(found: VarianceFit, squares: np.ndarray) -> np.ndarray:
-    """(d, k) weights that a log leaves open, of joints that hardly move, no larger than those of the others need be.
+    """(d, k) weights with a prior that keeps those of joints that hardly move no larger than the others need to be.
 
-    A log in which these joints move would otherwise have all of the noise that chance gave them.
+    Otherwise a log in which these joints move would be assigned all of the noise that chance gave them.
     """
     size = squares.mean(0) / found.design[:, 1:].sum(1).mean()
     return fit_variance(found.design, squares, expected=size)
 
 
 def _visible(found: VarianceFit, fastest: np.ndarray) -> float:
-    """Standard deviation in the fastest tenth, marked in (N,), per standard deviation at rest."""
+    """Largest ratio of the standard deviation in the fastest tenth, marked in (N,), to that at rest."""
     extra = found.design[:, 1:] @ found.weights[1:]
     return float(np.sqrt(1 + (extra[fastest].mean(0) / found.weights[0]).max()))
 
 
 def _is_better(bent: VarianceFit, plain: VarianceFit) -> bool:
-    """Whether a form gains over a simpler one on unseen blocks, by their signed ranks (Wilcoxon 1945).
+    """Whether a form gains over a simpler one on held-out blocks, by their signed ranks (Wilcoxon 1945).
 
-    One wild block on which the simpler form is all wrong would make the mean gain, and its scatter.
+    A single outlying block on which the simpler form fails would dominate the mean gain and its scatter.
     """
     more = bent.nats - plain.nats
     count = len(more)
@@ -165,7 +165,7 @@ def _is_better(bent: VarianceFit, plain: VarianceFit) -> bool:
 
 
 def _likeliest_speed(drives: Callable[[float], np.ndarray], squares: np.ndarray) -> float:
-    """The speed, rad/s, from which the variance grows with the speed alone, whatever the weights."""
+    """The most likely speed, rad/s, above which the variance grows linearly, with the weights fitted for each speed."""
 
     def nats(most: float) -> float:
         design = with_ones(drives(most))
@@ -182,16 +182,16 @@ def _likeliest_speed(drives: Callable[[float], np.ndarray], squares: np.ndarray)
 def _standard_errors(
     found: VarianceFit, speed: float | None, squares: np.ndarray, block: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """Those of the weights (d, k), and of the speed, rad/s, from which the variance grows with the speed alone.
+    """Standard errors of the weights (d, k), and of the speed, rad/s, above which the variance grows linearly.
 
-    Where the joints are faster than that speed, the noise tells little but the product of weight and speed. So the
-    weights are as uncertain as they would be larger if the speed were FAR standard errors lower.
+    Where the joints are faster than that speed, the noise constrains little but the product of weight and speed. The
+    errors of the weights therefore include how much larger they would be if the speed were FAR standard errors lower.
     """
     design, weights = found.design, found.weights
     alone = standard_errors(design, squares, weights, block)[0]
     if speed is None:
         return alone, 0.0
-    # With r = design / speed^2 = u / sqrt(1 + u), where u = (dq / speed)^2.
+    # Solve r = design / speed^2 = u / sqrt(1 + u) for u = (dq / speed)^2.
     r = design[:, 1:] / speed**2
     u = r * (r / 2 + np.sqrt(1 + r**2 / 4))
     slope = speed * u**2 / (1 + u) ** 1.5 @ weights[1:]

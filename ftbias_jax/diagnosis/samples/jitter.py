@@ -1,6 +1,6 @@
-"""Errors of the stamps: noise along the direction in which the wrench changes, as large as it changes.
+"""Timestamp jitter: noise along the direction in which the wrench changes, proportional to its rate of change.
 
-A stamp that is late by tau adds tau dW/dt to all six channels at once. Vibration and contact excite other directions
+A stamp that is late by tau adds tau dW/dt to all six channels together. Vibration and contact excite other directions
 too, so each window's noise is split into the part along dW/dt and the part across it, both in noise sigmas.
 """
 
@@ -16,7 +16,7 @@ from ftbias_jax.model.effects.fitting import JITTER
 
 ROUNDS = 20
 CONSTANT_RATE = 0.05
-"""Relative error of the result, as the rate is taken as constant during the delay."""
+"""Relative error of the result, because the rate is taken as constant during the delay."""
 
 
 class Jitter(NamedTuple):
@@ -27,19 +27,19 @@ class Jitter(NamedTuple):
     stderr: float
     nats: float
     visible: float
-    """Sigmas it adds in the fastest twentieth of the log."""
+    """Noise sigmas that it adds in the fastest twentieth of the log."""
     across: float
-    """Variance across the direction of change per variance along it."""
+    """Ratio of the variance across the direction of change to that along it."""
     even: float
-    """Variance in the upper half of the waves per variance in the lower half: 1 for jitter, less for jerky motion."""
+    """Variance in the upper half of the waves relative to the lower half: 1 for jitter, less for jerky motion."""
     noise_std: np.ndarray
     """(k,) N, Nm, white noise without the jitter."""
     correlation: float = 0.0
-    """From a sample to the next, of the error along dW/dt where it is fast: 0 for jitter, more for vibration."""
+    """Lag-one correlation of the error along dW/dt where it is fast: 0 for jitter, more for vibration."""
 
     @property
     def detected(self) -> bool:
-        """It is certain, large enough to matter, and nothing but jitter."""
+        """Whether the jitter is significant, large enough to matter, and nothing but jitter."""
         certain = self.nats > thresholds.JITTER_NATS and self.visible > thresholds.JITTER_VISIBLE
         alike = (
             self.across < thresholds.ACROSS and self.even > thresholds.EVEN and self.correlation < thresholds.CORRELATED
@@ -48,7 +48,7 @@ class Jitter(NamedTuple):
 
     @property
     def finding(self) -> Finding:
-        """Scatter along the direction in which the wrench changes."""
+        """Finding of scatter along the direction in which the wrench changes."""
         sentence = "the noise does not grow with the rate of the wrench, in its direction"
         if self.detected:
             fast = f"{self.visible:.2g} sigmas where it is fast"
@@ -57,17 +57,17 @@ class Jitter(NamedTuple):
 
 
 def no_jitter(noise_std: np.ndarray) -> Jitter:
-    """Nothing seen, in noise (k,) N, Nm."""
+    """Result without jitter, for noise (k,) N, Nm."""
     return Jitter(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, noise_std)
 
 
 def measure_jitter(amplitude: np.ndarray, rate: np.ndarray, noise_std: np.ndarray) -> Jitter:
-    """Jitter from the fast part of the signal.
+    """Jitter from the high-frequency part of the signal.
 
     Args:
-        amplitude: (M, 8, k) N, Nm, waves of M windows.
+        amplitude: (M, 8, k) N, Nm, amplitudes of the waves in M windows.
         rate: (M, k) N/s, Nm/s, dW/dt.
-        noise_std: (k,) N, Nm, for a log without jitter.
+        noise_std: (k,) N, Nm, of a log without jitter.
     """
     sigma = noise_std
     speed = np.linalg.norm(rate / sigma, axis=1)
@@ -99,7 +99,7 @@ def measure_jitter(amplitude: np.ndarray, rate: np.ndarray, noise_std: np.ndarra
 
 
 def correlation_along(error: np.ndarray, rate: np.ndarray, noise_std: np.ndarray) -> float:
-    """From a sample to the next, of the error (N, k) N, Nm along the dW/dt (N, k), in the faster half of a log."""
+    """Lag-one correlation of the error (N, k) N, Nm along dW/dt (N, k), in the faster half of a log."""
     speed = np.linalg.norm(rate / noise_std, axis=1)
     direction = rate / noise_std / np.maximum(speed, 1e-12)[:, None]
     along = ((error - moving_mean(error)) / noise_std * direction).sum(1) * (speed >= np.median(speed))
@@ -121,13 +121,13 @@ def _fit(power: np.ndarray, speed: np.ndarray, ground: np.ndarray, dof: int) -> 
 
     Args:
         power: (M,) mean squares of ``dof`` normal numbers.
-        speed: (M,) how fast the signal changes; tau times it is the error that jitter makes.
-        ground: (M,) their expectation without jitter.
+        speed: (M,) rate of change of the signal; tau times it is the error due to jitter.
+        ground: (M,) expectation of ``power`` without jitter.
         dof: degrees of freedom of each entry of ``power``.
 
     Returns:
         tau^2 and its standard error in s^2 (robust to jitter that is not normal), and the gain in nats without the
-        windows that gain most: a jump or a corner of the motion is one event.
+        windows that gain most, because a jump or a corner of the motion is one event.
     """
     x = speed**2
 

@@ -1,6 +1,6 @@
 """The white noise of the sensor, from the part of the signal that no motion can cause.
 
-Windows of 16 samples are split into an orthonormal basis: a cubic in time, which takes the motion, and twelve waves
+Windows of 16 samples are split into an orthonormal basis: a cubic in time, which absorbs the motion, and twelve waves
 of rising frequency that are orthogonal to it. White noise has the same standard deviation in each of the twelve.
 """
 
@@ -16,19 +16,19 @@ from ftbias_jax.model.effects.fitting import LEVEL
 WINDOW = 16
 CUBIC = 4
 TOP = 8
-"""First of the waves that measure the noise: half to all of the highest frequency."""
+"""First of the waves that measure the noise, which span half to all of the Nyquist frequency."""
 CLIPPED_STD = 0.98658
-"""Of a standard normal that is cut off there."""
+"""Standard deviation of a standard normal that is truncated at ``thresholds.CLIP``."""
 LONG_WINDOW = 256
 KEEP = "keep sensor.noise_std: the noise is not of one size, and ftbias filter takes it as the log shows it"
-"""What to do about noise that is not white, or not the same in motion as at rest."""
+"""Remedy for noise that is not white, or not the same in motion as at rest."""
 
 
 class Waves(NamedTuple):
-    """The fast part of a signal. M = windows, k = channels."""
+    """High-frequency part of a signal. M = windows, k = channels."""
 
     amplitude: np.ndarray
-    """(M, 12, k) N, Nm, by rising frequency."""
+    """(M, 12, k) N, Nm, amplitudes of the waves by rising frequency."""
     row: np.ndarray
     """(M, 16) rows of the signal in each window."""
     basis: np.ndarray
@@ -36,12 +36,12 @@ class Waves(NamedTuple):
 
     @property
     def top(self) -> np.ndarray:
-        """(M, 8, k) N, Nm: those that motion and the model's errors do not reach."""
+        """(M, 8, k) N, Nm: amplitudes of the waves that motion and model errors do not excite."""
         return self.amplitude[:, TOP - CUBIC :]
 
     @property
     def top_squares(self) -> np.ndarray:
-        """(M * 16, k) N^2, Nm^2: squares of what these waves make of each sample, of white noise its variance."""
+        """(M * 16, k) N^2, Nm^2: squared part of each sample in these waves; its mean is white noise's variance."""
         basis = self.basis[:, :, TOP - CUBIC :]
         share = (basis**2).sum(2, keepdims=True)
         of_samples = np.einsum("mwj,mjk->mwk", basis, self.top) ** 2 / share
@@ -52,18 +52,18 @@ class Noise(NamedTuple):
     """White noise of each channel (k,)."""
 
     std: np.ndarray
-    """N, Nm; of noise that is not white the value nearest to the stated one within its spectrum."""
+    """N, Nm; for noise that is not white, the value within the range of its spectrum nearest to the stated one."""
     stderr: np.ndarray
     low: np.ndarray
-    """N, Nm: of the quietest part of the spectrum, which hum and vibration do not raise."""
+    """N, Nm: level of the quietest part of the spectrum, which hum and vibration do not raise."""
     high: np.ndarray
-    """N, Nm: of the loudest band, which a filter in the sensor does not lower."""
+    """N, Nm: level of the loudest band, which a filter in the sensor does not lower."""
     coloured: np.ndarray
-    """bool."""
+    """bool: whether the noise is not white."""
 
 
 def fast_waves(t: np.ndarray, signal: np.ndarray) -> Waves:
-    """Split a signal (N, k) with stamps (N,) s; windows with a pause in them are left out."""
+    """Split a signal (N, k) with stamps (N,) s into windows of waves; windows with a pause in them are left out."""
     count = len(t) // WINDOW
     row = np.arange(count * WINDOW).reshape(count, WINDOW)
     span = np.ptp(t[row], 1)
@@ -78,9 +78,9 @@ def fast_waves(t: np.ndarray, signal: np.ndarray) -> Waves:
 
 
 def measure_noise(waves: Waves, signal: np.ndarray, stated: np.ndarray, heavy_tailed: bool) -> Noise:
-    """White noise from the fast waves of a signal (N, k) N, Nm, and how evenly it is spread over frequencies.
+    """White noise from the fast waves of a signal (N, k) N, Nm, and the flatness of its spectrum.
 
-    Of heavy-tailed noise the large values count, too.
+    For heavy-tailed noise the large values are included.
     """
     windows, k = len(waves.amplitude), signal.shape[1]
     std = np.sqrt((waves.top**2).mean((0, 1))) if heavy_tailed else robust_std(waves.top.reshape(-1, k))
@@ -98,7 +98,7 @@ def measure_noise(waves: Waves, signal: np.ndarray, stated: np.ndarray, heavy_ta
 
 
 def robust_std(x: np.ndarray) -> np.ndarray:
-    """(k,) standard deviation of (N, k), of the normal part if there is a share of larger values."""
+    """(k,) standard deviation of (N, k), or of its normal part if a share of the values is larger."""
     std: np.ndarray = np.median(np.abs(x), 0) / NORMAL_MEDIAN
     for _ in range(4):
         inside = np.abs(x) <= thresholds.CLIP * std
@@ -107,10 +107,10 @@ def robust_std(x: np.ndarray) -> np.ndarray:
 
 
 def _spectrum(signal: np.ndarray, usual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Noise (k,) between the lines of the upper half of the spectrum, and whether there are lines (k,).
+    """Noise level (k,) between the spectral lines of the upper half of the spectrum, and whether there are lines (k,).
 
     Returns:
-        ``usual`` (k,) and False for a signal too short to tell.
+        ``usual`` (k,) and False for a signal that is too short.
     """
     count = len(signal) // LONG_WINDOW
     if count < 4:
@@ -125,31 +125,31 @@ def _spectrum(signal: np.ndarray, usual: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray, grows: bool, rests: bool) -> Finding:
-    """White noise against the stated, without the share of a lattice.
+    """Finding of white noise that differs from the stated one, without the share of the rounding to a lattice.
 
     Hum must not make a channel loud, nor a filter make it quiet: the quietest band must be loud, the loudest quiet.
-    Of noise that grows with the motion what it is at rest depends on how exactly it grows,
-    and in a log that never rests on nothing else.
+    Where the noise grows with the motion, its level at rest depends on the form of the growth, and on that alone in a
+    log that never rests.
 
     Args:
-        noise: of six channels, as it is at rest.
+        noise: noise of six channels at rest.
         noise_std: (6,) N, Nm, stated.
         step: (6,) N, Nm, of lattices.
-        grows: the noise grows with the motion.
-        rests: the log shows what it is at rest.
+        grows: whether the noise grows with the motion.
+        rests: whether the log shows the noise at rest.
     """
 
     own = (np.sqrt(np.maximum(std**2 - step**2 / 12, 0)) for std in (noise.std, noise.low, noise.high))
     scale, low, high = (std / noise_std for std in own)
     stderr = np.maximum(noise.stderr / noise.std * scale, 1e-6)
-    # A step of more than two sigmas hides the noise: it passes a level seldom.
+    # A step of more than two sigmas hides the noise, which then rarely crosses a level.
     told = (step < 2 * noise_std) & np.isfinite(scale) & (rests or not grows)
     floor = np.where(noise.coloured | grows, thresholds.LOUDER_IF_COLOURED, thresholds.LOUDER)
     ceiling = 1 / thresholds.LOUDER_IF_COLOURED if grows else thresholds.QUIETER
     louder = told & (low > floor) & (low - 1 - thresholds.STATED_WITHIN > thresholds.SURELY_LOUDER * stderr)
     quieter = (
         told & (high < ceiling) & (1 - thresholds.STATED_WITHIN - high > thresholds.SURELY_QUIETER * stderr)
-    )  # a band: twice the error
+    )  # one band has twice the error
     wrong = louder | quieter
     scale, stderr = np.where(told, scale, 1.0), np.where(told, stderr, 0.0)
     dof = 1 / (2 * np.maximum(stderr / scale, 1e-3) ** 2)

@@ -1,8 +1,8 @@
-"""Effects that are read off the samples before anything is averaged, and the wrench without the samples they destroyed.
+"""Effects found in single samples before anything is averaged, and the wrench without the samples they destroyed.
 
-Order: repeated rows and lattices (exact numbers), flat tops, spikes, then the white noise of what is left, and whether
-it grows with the rate of the wrench or with the speed of the joints. Floors on the size of an effect say what still
-matters to the owner.
+Order: repeated rows and lattices (exact numbers), flat tops, spikes, then the white noise of the remaining samples, and
+whether it grows with the rate of the wrench or with the speed of the joints. Lower limits on the size of an effect
+state what still matters to the owner.
 """
 
 from typing import NamedTuple, Self
@@ -22,40 +22,40 @@ from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.types import Array
 
 JITTER_SHAPE = 0.1
-"""Relative error of the part of the noise that is put down to jitter: its distribution is not known."""
+"""Relative error of the part of the noise that is attributed to jitter, whose distribution is not known."""
 
 
 class Samples(NamedTuple):
-    """The N rows of a log that have a wrench, in k channels, with what the model says about them."""
+    """The N rows of a log that have a wrench, in k channels, with the model's error and rate at these rows."""
 
     row: np.ndarray
-    """(N,) of the log."""
+    """(N,) indices of the rows in the log."""
     channels: np.ndarray
-    """(6,) bool."""
+    """(6,) bool: which channels are used."""
     t: np.ndarray
     """(N,) s."""
     wrench: np.ndarray
     """(N, k) N, Nm."""
     error: np.ndarray
-    """(N, k) N, Nm, of the model."""
+    """(N, k) N, Nm, error of the model."""
     rate: np.ndarray
-    """(N, k) N/s, Nm/s, of the model."""
+    """(N, k) N/s, Nm/s, dW/dt of the model."""
     stated: np.ndarray
-    """(k,) N, Nm, noise."""
+    """(k,) N, Nm, stated noise."""
     speed: np.ndarray
-    """(N, n) rad/s, of the joints; n = 0 if there are none."""
+    """(N, n) rad/s, speeds of the joints; n = 0 if there are none."""
 
     def only(self, keep: np.ndarray) -> Self:
-        """The rows marked in (N,)."""
+        """Only the rows marked in (N,)."""
         per_row = ("row", "t", "wrench", "error", "rate", "speed")
         return self._replace(**{name: getattr(self, name)[keep] for name in per_row})
 
     def at_rest(self, growth: MotionNoise) -> Self:
-        """The fast part of the error with the noise that it would have at rest; growth: per variance at rest."""
+        """Samples with the fast part of the error, scaled to the noise at rest; growth: per variance at rest."""
         if not self.speed.size or not growth.per_speed.any():
             return self
         louder = np.sqrt(1 + growth.variance(self.speed))
-        fast = self.error - moving_mean(self.error)  # a slow error divided by a fast factor would be noise
+        fast = self.error - moving_mean(self.error)  # a slow error divided by a fast factor would look like noise
         return self._replace(error=fast / louder, rate=self.rate / louder)
 
 
@@ -73,12 +73,12 @@ def inspect_samples(
     Args:
         log: as recorded, NaN = not measured.
         noise_std: (6,) N, Nm, stated white noise of one sample.
-        error: (T, 6) N, Nm, the model's prediction less the wrench.
+        error: (T, 6) N, Nm, the model's prediction minus the wrench.
         rate: (T, 6) N/s, Nm/s, the model's dW/dt.
         speed: (T, n) rad/s, of the joints, if known; without it noise is not expected to grow with the motion.
-        in_motion: of six channels, by how much the setup says that it grows; it is then not measured again. None = the
-            setup says nothing.
-        touched: (T,) samples in contact, whose unrest can look like that of late stamps. None = none.
+        in_motion: growth of the noise with the motion in six channels as stated in the setup; it is then not measured
+            again. None = not stated.
+        touched: (T,) samples in contact, whose fluctuations can mimic late stamps. None = none.
     """
     stated = np.asarray(noise_std, float)
     samples = _select(log, stated, error, rate, speed)
@@ -94,7 +94,7 @@ def inspect_samples(
     kept = samples.only(~repeated)
     tops = [exact.find_flat_tops(*column) for column in zip(kept.wrench.T, kept.stated, step, strict=True)]
     at_limit = np.stack([exact.at_top(x, found) for x, found in zip(samples.wrench.T, tops, strict=True)], 1)
-    # Rows in which every axis is clipped are equal, too, and none of them is lost.
+    # Rows in which every axis is clipped are equal too, but none of them is lost.
     dropped = exact.find_dropped(repeated & ~at_limit[:, fine].all(1), exact.find_gaps(samples.t))
     saturated = at_limit[~repeated]
     spikes, noise, jitter = _scatter(kept, step, saturated)
@@ -107,11 +107,11 @@ def inspect_samples(
     if growth.detected:
         as_at_rest = kept.at_rest(growth.relative)
         spikes, noise, jitter = _scatter(as_at_rest, step, saturated, late_stamps=late_stamps)
-        if jitter.detected and jitter.nats < FORM_LOSS * growth.nats:  # what the form of growth leaves
+        if jitter.detected and jitter.nats < FORM_LOSS * growth.nats:  # within the form error of the growth
             spikes, noise, jitter = _scatter(as_at_rest, step, saturated, late_stamps=False)
 
     def six(values: np.ndarray, neutral: float | np.ndarray = 0.0) -> np.ndarray:
-        """Channels that are not measured get a neutral value."""
+        """Expand to six channels: those that are not measured get a neutral value."""
         return _among(values, samples.channels, neutral)
 
     std, stderr, low, high = six(noise.std, stated), six(noise.stderr), six(noise.low, stated), six(noise.high, stated)
@@ -122,7 +122,7 @@ def inspect_samples(
     growth = growth._replace(variance=six(growth.variance), stderr=six(growth.stderr))
     clean = np.array(log.wrench, float)
     clean[samples.row[repeated]] = np.nan
-    # Near a limit noise takes the higher readings of a pose to it, and the mean of those that are left is too low.
+    # Near a limit noise takes the higher readings of a pose to it, so the mean of the remaining ones is too low.
     near_limit = six(_around(saturated, AROUND_CLIPPED))
     clean[kept.row] = np.where(spikes.wild[:, None] | near_limit, np.nan, clean[kept.row])
     moving = MotionNoise(growth.variance, growth.speed) if growth.detected else known
@@ -144,7 +144,7 @@ def inspect_samples(
 
 
 def _select(log: Log, stated: np.ndarray, error: Array, rate: Array, speed: Array | None) -> Samples:
-    """The rows with all channels that share the clock of the most frequent one. Arguments as of ``inspect_samples``."""
+    """Rows with all channels that share the clock of the most frequent one; arguments as of ``inspect_samples``."""
     wrench, error = np.asarray(log.wrench, float), np.asarray(error, float)
     finite = np.isfinite(wrench)
     most = finite[:, finite.sum(0).argmax()]
@@ -157,7 +157,7 @@ def _select(log: Log, stated: np.ndarray, error: Array, rate: Array, speed: Arra
 
 
 def _nothing(log: Log, stated: np.ndarray, known: MotionNoise, reason: str) -> SampleFindings:
-    """For a log that cannot be examined."""
+    """Findings of a log that cannot be examined: nothing is detected, for this reason."""
     a, b, c, d, e, f, g = (Finding(name, False, {}, {}, 0.0, reason) for name in SampleFindings._fields[:7])
     return SampleFindings(a, b, c, d, e, f, g, np.array(log.wrench, float), stated, np.zeros(6), False, known)
 
@@ -170,20 +170,20 @@ def _among(values: np.ndarray, marked: np.ndarray, neutral: float | np.ndarray) 
 
 
 def _around(marked: np.ndarray, reach: int) -> np.ndarray:
-    """(N, k) samples that are marked, or within so many samples of one that is."""
+    """(N, k) samples that are marked, or within ``reach`` samples of a marked one."""
     counts = np.apply_along_axis(np.convolve, 0, marked, np.ones(2 * reach + 1))
-    return counts[reach : reach + len(marked)] > 0.5  # also where there are fewer samples than that
+    return counts[reach : reach + len(marked)] > 0.5  # also correct for fewer samples than the window
 
 
 def _is_late(samples: Samples, step: np.ndarray, saturated: np.ndarray, free: np.ndarray) -> bool:
-    """Whether stamps are late in the rows (N,) that are free of contact, too: a clock does not know what is touched."""
+    """Whether stamps are also late in the rows (N,) free of contact: a clock does not depend on contact."""
     return bool(free.all()) or _scatter(samples.only(free), step, saturated[free])[2].detected
 
 
 def _scatter(
     samples: Samples, step: np.ndarray, saturated: np.ndarray, *, late_stamps: bool = True
 ) -> tuple[Spikes, Noise, Jitter]:
-    """Spikes, white noise and jitter, if it is looked for; with jitter, spikes are what is beyond its noise."""
+    """Spikes, white noise and, if searched for, jitter; spikes are then what exceeds the noise with jitter."""
     least = np.maximum(step, LEAST_SCATTER * samples.stated)
     blind = _around(saturated, REACH)
     floor = np.where(blind, np.inf, least)
@@ -198,9 +198,9 @@ def _scatter(
 
 
 def _growth(samples: Samples, step: np.ndarray) -> Growth:
-    """How the noise of the rows that nothing else has spoiled grows with the speed of the joints.
+    """Growth of the noise with the speed of the joints, from rows that no other effect has corrupted.
 
-    On a lattice coarser than the stated noise the error of rounding grows with the rate of the wrench.
+    On a lattice coarser than the stated noise the rounding error grows with the rate of the wrench.
     """
     fine, speed, rest = step < samples.stated, samples.speed, samples.stated**2
     if not speed.size or not fine.any() or len(samples.t) < LEAST_WINDOWS * WINDOW:
@@ -217,15 +217,15 @@ def _growth(samples: Samples, step: np.ndarray) -> Growth:
 
 
 def _noise(samples: Samples, step: np.ndarray, heavy_tailed: bool, late_stamps: bool) -> tuple[Noise, Jitter]:
-    """White noise (k,) and jitter of the rows that nothing else has spoiled; the stated noise for too few rows."""
+    """White noise (k,) and jitter of rows that no other effect has corrupted; the stated noise for too few rows."""
     stated = samples.stated
     none = no_jitter(stated)
     if len(samples.t) < LEAST_WINDOWS * WINDOW:
         return Noise(stated, np.zeros_like(stated), stated, stated, np.zeros(len(stated), bool)), none
     waves = fast_waves(samples.t, samples.error)
     noise = measure_noise(waves, samples.error, stated, heavy_tailed)
-    fine = (step < stated) & (noise.std > 0)  # on a coarser lattice the error of rounding grows with the rate
-    if not late_stamps or fine.sum() < 2:  # nothing lies across the direction of change
+    fine = (step < stated) & (noise.std > 0)  # on a coarser lattice the rounding error grows with the rate
+    if not late_stamps or fine.sum() < 2:  # one channel has no direction across the change
         return noise, none
     jitter = measure_jitter(waves.top[..., fine], samples.rate[waves.row].mean(1)[:, fine], noise.std[fine])
     if jitter.detected:

@@ -1,4 +1,4 @@
-"""The joints of a log, smoothed over all of its samples, and the wrench that the tool then causes."""
+"""Joint states of a log, smoothed over all of its samples, and the wrench that the tool then causes."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -18,19 +18,19 @@ from ftbias_jax.types import Array, Gaussian, Sample
 
 
 def padded_samples(log: Log) -> Sample:
-    """All samples of a log, of numpy arrays, filled up to one of few lengths so that logs share programs."""
+    """All samples of a log as NumPy arrays, padded to one of a few lengths so that logs share compiled programs."""
     return pad(arrays_from_log(log), padded_length(len(log.t)))
 
 
 def smoothed(params: Params, samples: Sample, options: Options) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Joint states (T, n, 3), the wrench (T, 6) N, Nm of the tool, and its variance with that of the sensor at rest."""
+    """Joint states (T, n, 3), the tool's wrench (T, 6) N, Nm, and its variance including that of the sensor at rest."""
     joints = smoothed_joints(params.joint, *samples[:3], model=options.joint_model)
     wrench, variance = (np.asarray(x) for x in _predicted(_at_rest(params), joints, samples, options=options))
     return np.asarray(joints.mean), wrench, variance
 
 
 def programs_of_smoother(params: Params, samples: Sample, options: Options) -> Iterator[Callable[[], object]]:
-    """Make the programs of ``smoothed`` ready for such samples, of which the shapes are enough, when called."""
+    """Functions that load or compile the programs of ``smoothed`` for samples of these shapes."""
     noise, measured, model = params.joint, samples[:3], options.joint_model
     yield partial(smoothed_joints.prepare, noise, *measured, model=model)
     joints = jax.eval_shape(partial(smoothed_joints, model=model), noise, *measured)

@@ -1,4 +1,4 @@
-"""Isolated samples that are far off both neighbours, and how to tell them from noise with heavy tails."""
+"""Spikes, isolated samples far from both neighbours, and how they are distinguished from heavy-tailed noise."""
 
 from typing import NamedTuple
 
@@ -49,19 +49,19 @@ class Spikes(NamedTuple):
 
     @property
     def wild(self) -> np.ndarray:
-        """(N,) the same, none if they belong to the noise."""
+        """(N,) rows with a spike; none if the large values belong to heavy-tailed noise."""
         return np.zeros(len(self.hit), bool) if self.heavy_tailed else self.row
 
     @property
     def heavy_tailed(self) -> bool:
-        """Large values fade into the rest."""
+        """Whether the large values continue into the others without a gap."""
         return self.middle > max(self.far, TAILS)
 
 
 def find_spikes(signal: np.ndarray, floor: np.ndarray) -> Spikes:
     """Spikes of a signal (N, k) N, Nm without missing samples.
 
-    ``floor`` (N, k) is the least scatter to assume (lattice, few digits, jitter); inf where a sample tells nothing.
+    ``floor`` (N, k) is the least scatter to assume (lattice, few digits, jitter); inf where a sample is uninformative.
     """
     off = signal - _neighbourhood(signal)
     seen = np.isfinite(floor)
@@ -73,14 +73,14 @@ def find_spikes(signal: np.ndarray, floor: np.ndarray) -> Spikes:
     by_noise = NORMAL_BEYOND_MIDDLE * off.size
     middle = int((isolated & ~far).sum() - by_noise - 4 * np.sqrt(by_noise))
     hit = far
-    if far.any(1).sum() >= LEAST_SPIKES:  # two spikes may be neighbours by chance: not isolated, but as short
+    if far.any(1).sum() >= LEAST_SPIKES:  # two spikes may be neighbours by chance: not isolated, but in a short run
         beyond = size > SPIKE
         hit = far | (beyond & _in_short_run(beyond.any(1))[:, None])
     return Spikes(hit, off, usual, middle, int(far.sum()))
 
 
 def _normal_std(x: np.ndarray) -> float:
-    """Standard deviation of the middle half of (N,) as if normal; 0 if there is none."""
+    """Standard deviation of (N,) from its middle half as if normal; 0 if there is none."""
     return float(np.median(np.abs(x)) / NORMAL_MEDIAN) if len(x) else 0.0
 
 
@@ -100,7 +100,7 @@ def _neighbourhood(signal: np.ndarray) -> np.ndarray:
 
 
 def _local_scale(off: np.ndarray) -> np.ndarray:
-    """(N, k) standard deviation in the noisiest of three blocks around each sample: vibration is no row of spikes."""
+    """(N, k) standard deviation in the noisiest of three blocks around each sample, so that vibration is no spike."""
     n, k = off.shape
     blocks = -(-n // BLOCK)
     padded = np.pad(np.abs(off), ((0, blocks * BLOCK - n), (0, 0)), mode="reflect" if n > BLOCK else "edge")
@@ -110,14 +110,14 @@ def _local_scale(off: np.ndarray) -> np.ndarray:
 
 
 def _in_short_run(row: np.ndarray) -> np.ndarray:
-    """(N,) which marked rows are in a run of at most LONGEST_RUN."""
+    """(N,) marked rows that are in a run of at most LONGEST_RUN."""
     lengths, short = runs(row), row.copy()
     short[row] = np.repeat(lengths <= LONGEST_RUN, lengths)
     return short
 
 
 def find_outliers(spikes: Spikes) -> Finding:
-    """Isolated wild samples, unless they are the tail of the noise; spikes of all six channels."""
+    """Finding of spikes in six channels, unless they are the tail of the noise."""
     count, samples = int(spikes.row.sum()), len(spikes.hit)
     by_channel = spikes.hit.mean(0)
     rate = float(by_channel[by_channel >= FEW_SPIKES * by_channel.max()].mean())  # of the channels that have spikes
@@ -133,7 +133,7 @@ def find_outliers(spikes: Spikes) -> Finding:
     sentence = f"{count} of {samples} samples are alone beyond six sigmas of both neighbours"
     if spikes.heavy_tailed:
         sentence += f", but {spikes.middle} more lie between them and the rest: the tail of the noise"
-    # Of a share of a count of one at least.
+    # Standard error of a proportion with a count of at least one.
     of_rate = float(np.sqrt(max(rate * (1 - rate), rate / samples, 1 / samples**2) / samples))
     errors: Numbers = {"rate": of_rate, "size": stderr.tolist()}
     return Finding(SPIKES, detected, {"rate": rate, "size": size.tolist()}, errors, nats, sentence)

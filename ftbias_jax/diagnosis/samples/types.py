@@ -1,4 +1,4 @@
-"""What the examination of single samples finds."""
+"""Findings of the examination of single samples."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -14,30 +14,30 @@ Numbers = dict[str, float | list[float] | list[list[float]]]
 
 
 class Finding(NamedTuple):
-    """One sign that is looked for in the samples, whether it is there or not."""
+    """Result for one sign that is searched for in the samples, whether it is there or not."""
 
     sign: str
     """What the samples show: one of ``fitting.SIGNS``."""
     detected: bool
     parameters: Numbers
-    """In the units of the catalogue; neutral where a channel shows nothing."""
+    """Values in the units of the catalogue; neutral where a channel shows nothing."""
     stderr: Numbers
     nats: float
-    """Log-likelihood ratio against a sensor and driver in order; 0 = nothing seen."""
+    """Log-likelihood ratio against a healthy sensor and driver; 0 = no evidence."""
     sentence: str
     """The evidence, for the report."""
     nats_stderr: float | None = None
-    """Of ``nats``, from blocks of the log; None = the square root of twice it, as of a chi-square."""
+    """Standard error of ``nats`` from blocks of the log; None = sqrt(2 nats), as of a chi-square."""
     effect: str = ""
     """The entry of the catalogue that leaves this sign; "" = not looked up (``together``)."""
     doubt: str = ""
-    """Why the numbers are not what the entry of the catalogue means by them; "" = they are."""
+    """Why the numbers differ in meaning from those of the catalogue's entry; "" = they do not."""
     remedy: str = ""
-    """What to do instead of what the entry says; "" = that."""
+    """Remedy in place of the one in the catalogue's entry; "" = that of the entry."""
 
 
 class SampleFindings(NamedTuple):
-    """All of them, and what they leave for the rest of the diagnosis."""
+    """Findings of all signs, and the cleaned data for the rest of the diagnosis."""
 
     level: Finding
     spikes: Finding
@@ -56,12 +56,12 @@ class SampleFindings(NamedTuple):
     """The noise has more large values than a normal distribution, without a gap between them and the rest."""
 
     in_motion: MotionNoise
-    """What the speeds of the joints add to the variance of a sample, N^2, Nm^2 of six channels, as found or, where the
-    setup knows of it, as stated; zeros without joints."""
+    """Variance that the speeds of the joints add to a sample, N^2, Nm^2 in six channels: as found or, where the setup
+    states it, as stated; zeros without joints."""
 
     @property
     def detected(self) -> tuple[Finding, ...]:
-        """The signs that are there."""
+        """The findings that were detected."""
         return tuple(one for one in self if isinstance(one, Finding) and one.detected)
 
 
@@ -79,10 +79,10 @@ def name_channels(which: np.ndarray) -> str:
 
 
 def together(logs: Sequence[SampleFindings], catalogue: Catalogue = CATALOGUE) -> tuple[Finding, ...]:
-    """Effects that are there in any of several logs of one robot, each from the log that shows it best.
+    """Effects found in any of several logs of one robot, each from the log with the strongest evidence.
 
-    The level of the noise comes last: what the others leave of themselves raises it. A sign that no effect of the
-    catalogue leaves names nothing.
+    The level of the noise comes last, because residuals of the other effects raise it. A sign that no effect of the
+    catalogue leaves is omitted.
     """
     searches = {effect.name: effect.fit.search for effect in catalogue.values()}
     names = {search.sign: name for name, search in searches.items() if isinstance(search, Samples)}

@@ -1,4 +1,4 @@
-"""A variance that grows with something: its most likely weights, their errors, and what it gains on unseen blocks."""
+"""Maximum-likelihood fit of a variance that grows with regressors: weights, their errors, and the held-out gain."""
 
 from typing import NamedTuple
 
@@ -9,35 +9,35 @@ from ftbias_jax.diagnosis.thresholds import FAR_SQUARES, LEAST_REST
 
 BLOCK_SECONDS = 20.0
 BLOCKS = 20
-"""At least, in a log too short for so many of these blocks: the standard error of the gain comes from them."""
+"""Least number of blocks, shorter ones in a short log: the standard error of the gain comes from their scatter."""
 FOLDS = 4
 ROUNDS, SETTLED = 100, 1e-5
-"""Of the fit, and the share of the mean variance by which a step then changes a term."""
+"""Largest number of iterations, and the change of a term at convergence as a share of the mean variance."""
 LEAST_LEFT, TINY = 0.01, 1e-24
-"""Share of a weight that is left where carrying on would pass zero; of a step that is none."""
+"""Share of a weight that remains where extrapolation would pass zero; relative square of a step that is zero."""
 
 
 class VarianceFit(NamedTuple):
-    """One form of the growth in k channels."""
+    """Fit of one form of the growth in k channels."""
 
     design: np.ndarray
-    """(N, d): ones, and what the variance grows with."""
+    """(N, d) design matrix: ones, and the regressors that the variance grows with."""
     weights: np.ndarray
-    """(d, k)."""
+    """(d, k) fitted weights."""
     better: np.ndarray
     """(k,) bool: channels that grow; the others keep their constant."""
     nats: np.ndarray
-    """(blocks,) over a constant, on blocks that both have not seen."""
+    """(blocks,) gain in nats over a constant, on held-out blocks."""
 
 
 def judge_variance(drives: np.ndarray, squares: np.ndarray, block: np.ndarray, share: float) -> VarianceFit:
-    """Fit a variance that grows with drives, and judge it on blocks.
+    """Fit a variance that grows with regressors (drives), and judge it on held-out blocks.
 
     Args:
         drives: (N, d - 1) or (N,), not negative.
         squares: (N, k) N^2, Nm^2, whose mean is the variance.
         block: (N,) number of the block of each row.
-        share: samples of the log that each row stands for.
+        share: number of samples of the log that each row stands for.
     """
     design = with_ones(drives)
     gains = _held_out_gains(design, squares, block) * share
@@ -48,7 +48,7 @@ def judge_variance(drives: np.ndarray, squares: np.ndarray, block: np.ndarray, s
 
 
 def with_ones(drives: np.ndarray) -> np.ndarray:
-    """(N, d) the design of a constant beside drives."""
+    """(N, d) design matrix of a constant and the regressors."""
     return np.column_stack([np.ones(len(drives)), drives])
 
 
@@ -58,7 +58,7 @@ def blocks_of(t: np.ndarray) -> np.ndarray:
 
 
 def average_runs(x: np.ndarray, length: int) -> np.ndarray:
-    """(N, ...) -> (N // length, ...) means over runs of so many rows."""
+    """(N, ...) -> (N // length, ...) means over runs of ``length`` rows."""
     count = len(x) // length
     return x[: count * length].reshape(count, length, *x.shape[1:]).mean(1)
 
@@ -80,21 +80,21 @@ def _held_out_gains(design: np.ndarray, squares: np.ndarray, block: np.ndarray) 
 def fit_variance(
     design: np.ndarray, squares: np.ndarray, rounds: int = ROUNDS, expected: np.ndarray | None = None
 ) -> np.ndarray:
-    """Weights (d, k), none negative, of the most likely variance ``design @ weights`` of normal noise.
+    """Non-negative weights (d, k) of the most likely variance ``design @ weights`` of normal noise.
 
-    Every step multiplies each weight by the ratio of the two parts of its derivative, so that signs never change;
-    at the maximum the ratio is 1, or the weight goes to 0. From two steps each channel is carried on as far as they
-    shrink (SQUAREM, Varadhan and Roland 2008): alone, hundreds of them would not arrive.
+    Every step multiplies each weight by the ratio of the two parts of its derivative, so that signs never change; at
+    the maximum the ratio is 1, or the weight goes to 0. Each channel is extrapolated from two steps (SQUAREM, Varadhan
+    and Roland 2008), because hundreds of plain steps would not converge.
 
     Args:
         design: (N, d) not negative, the first column ones.
-        squares: (N, k) of the noise.
-        rounds: at most.
-        expected: (k,) mean of an exponential prior of every weight but the first; None = any are as likely.
+        squares: (N, k) squares of the noise.
+        rounds: largest number of iterations.
+        expected: (k,) mean of an exponential prior of every weight but the first; None = a flat prior.
     """
     size, mean = design.mean(0), squares.mean(0)
     weights: np.ndarray = np.outer(1 / size, mean) / len(size)
-    # Long rows in the order in memory, into the same memory every round: most of the time would go into new pages.
+    # Contiguous rows and reused buffers, because most of the time would otherwise go into allocating pages.
     drives, seen = np.ascontiguousarray(design.T), np.ascontiguousarray(squares.T)
     parts = np.empty((2, *seen.shape))
     raising, lowering = parts
@@ -126,14 +126,15 @@ def fit_variance(
 def standard_errors(
     design: np.ndarray, squares: np.ndarray, weights: np.ndarray, block: np.ndarray, slope: np.ndarray | None = None
 ) -> tuple[np.ndarray, float]:
-    """Standard errors (d, k) of weights that were fitted, from the scatter of the likelihood's derivative over blocks.
+    """Standard errors (d, k) of fitted weights, from the scatter of the likelihood's derivative over blocks.
 
-    And that of one more number, which all channels share, if the slope (N, k) of the variance by it is given.
+    With ``slope`` (N, k), the variance's derivative with respect to a parameter that all channels share, also its
+    error.
     """
     d, k = weights.shape
     variance = design @ weights
     score = (np.minimum(squares, FAR_SQUARES * variance) - variance) / variance**2
-    scale = design.mean(0)[:, None] / variance.mean(0)  # (d, k); of a weight that makes all of the variance
+    scale = design.mean(0)[:, None] / variance.mean(0)  # (d, k); inverse of a weight that makes up all of the variance
     shared = [] if slope is None else [d * k]
     information = np.zeros((d * k + len(shared),) * 2)
     scores = np.zeros((block.max() + 1, len(information)))

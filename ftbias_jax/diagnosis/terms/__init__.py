@@ -1,1 +1,1 @@
-"""What is not in the catalogue, described by a sparse sum of terms: drives that act on the tool or on the sensor."""
+"""Description of what is not in the catalogue: a sparse sum of terms, drives that act on the tool or on the sensor."""

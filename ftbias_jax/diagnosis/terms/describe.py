@@ -1,4 +1,4 @@
-"""When terms come into a diagnosis, and beside which effects of the catalogue."""
+"""Decide when terms replace or supplement the effects of the catalogue in a diagnosis."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -33,34 +33,34 @@ from ftbias_jax.model.effects.terms.types import Term
 
 FORCES = np.repeat([True, False], 3)
 GRAVITY = "orientation"
-"""The drive of terms that may be a tool or a mounting that is not as stated."""
+"""Drive of terms that may be a tool or a mounting that differs from the setup."""
 OF_AN_EVENT = 8
-"""Numbers: start, end, and a wrench."""
+"""Number of parameters of an event: start, end, and a wrench."""
 SAME: dict[type, str] = {StepSearch: "time", Touches: "time", Pull: "position"}
-"""Search of an effect that takes many shapes -> the drive of terms that say the same of it."""
+"""Search of an effect that can take many shapes -> the drive of terms that describe the same."""
 
 
 class Description(NamedTuple):
-    """Effects of the catalogue that stay, and terms beside them."""
+    """Effects of the catalogue that are kept, and terms added to them."""
 
     kept: Fit
-    """The effects."""
+    """Fit of the kept effects."""
     rounds: list[list[Scored]]
-    """Candidates of each, the one that stays first."""
+    """Candidates of each round, the kept one first."""
     fit: Fit
-    """The effects with the terms."""
+    """Fit of the effects with the terms."""
     steps: tuple[Step, ...]
-    """One a term."""
+    """One per term."""
     search: Search
 
 
 class Outcome(NamedTuple):
-    """What terms do to the answer of the catalogue."""
+    """Consequence of terms for the answer of the catalogue."""
 
     description: Description | None = None
-    """Takes its place; None if it stands."""
+    """Replaces the answer; None if the answer is kept."""
     rivals: tuple[Term, ...] = ()
-    """If it stands: terms that explain the logs as well as the event that it names."""
+    """If the answer is kept: terms that explain the logs as well as the event that it names."""
 
 
 def describe(
@@ -72,10 +72,10 @@ def describe(
     explained: bool,
     fast: Sequence[float] = (),
 ) -> Outcome:
-    """Terms for what the catalogue does not explain, or ``explained`` by an event or a pull that a term may stand for.
+    """Terms for what the catalogue does not explain, or for what it has ``explained`` by an event or a pull alone.
 
-    The nominal model is ``base``, with the effects of the tool that stay beside all else, and ``accepted`` has those
-    and the effects that were found in these rounds; ``fast`` are Hz of lines in the single samples.
+    The nominal model ``base`` includes the effects of the tool that are always kept, ``accepted`` these and the effects
+    found in the rounds; ``fast`` are spectral lines of the individual samples in Hz.
     """
     names = [h.effect for h in accepted.hypotheses]
     found_names = names[len(base.hypotheses) :]
@@ -86,13 +86,13 @@ def describe(
     kept, said = base, list(rounds)
     for scored in rounds[len(base.hypotheses) : len(names)]:
         gain = scored[0].fit.log_likelihood - kept.log_likelihood
-        # What the caller brought has a name and a remedy: a term of the same form does not take its place.
+        # A user-defined effect has a name and a remedy, so a term of the same form does not replace it.
         ahead = 1.0 if scored[0].hypothesis.effect in CATALOGUE else CLEARLY
         better = found and found[0][0] > ahead * merit_of(gain, _numbers(scored[0].fit) - _numbers(kept))
-        # Contact that takes most of a log leaves too little free motion to judge a term of the motion by.
+        # Contact during most of a log leaves too little free motion to judge a term that follows the motion.
         unjudged = takes_most(scored[0].hypothesis, problem) and found[0][1].terms[0].drive != SAME[Touches]
         if better and not unjudged and not says(problem, scored[0], kept, found[0][1]):
-            break  # a single term does better
+            break  # a single term is better
         kept = scored[0].fit
         found = search.best(kept)
     if not explained:
@@ -100,8 +100,8 @@ def describe(
     stands = [h.effect for h in kept.hypotheses] == names
     answer = Outcome(rivals=_rivals(problem, base, accepted, first) if explained else ())
     theirs = _merit(base, accepted)
-    # One term in the place of several effects is the simpler answer, and need not be clearly better; but what follows
-    # gravity stands for nearly any tool with gains and leaks.
+    # One term in place of several effects is the simpler answer and need not be clearly better. A term that follows
+    # gravity is excluded because it can mimic nearly any tool with gains and crosstalk.
     several = len(found_names) > 1 and CATALOGUE.keys() >= set(found_names)
     simpler = several and bool(first) and first[0][1].terms[0].drive != GRAVITY
     if stands and explained and simpler and _merit(base, base, first[0][1].terms, first[0][1].log_likelihood) > theirs:
@@ -109,16 +109,16 @@ def describe(
     if stands and explained:
         return answer
     steps = search.grow(kept, found)
-    # A term that does better, but not on unseen blocks, takes no place of effects that explain nearly all.
+    # A term that is better, but not on held-out blocks, does not replace effects that explain nearly all.
     if not steps and (explained or stands or gap_of(problem, accepted) < NEARLY * gap_of(problem, base)):
         return answer
     fit = steps[-1].described.fit if steps else kept
-    # Nor does one that removes less of the gap than they do.
+    # Neither does a term that removes less of the gap than they do.
     if not explained and not stands and not _holds(problem, hold_out, base, fit, accepted, 1 - NEARLY):
         return answer
     leaks = not stands and entries_of(problem, accepted)
     if leaks and evidence(problem, accepted) - evidence(problem, fit) > LEAST_GAIN:
-        return answer  # leaks between six channels are thirty numbers, and no fewer
+        return answer  # crosstalk between six channels has thirty parameters, and no fewer
     if explained:
         ours = _merit(base, kept, steps[-1].described.terms, fit.log_likelihood)
         if ours < (1.0 if simpler else CLEARLY) * theirs or not _holds(problem, hold_out, base, fit, accepted, AS_WELL):
@@ -128,22 +128,19 @@ def describe(
 
 
 def _merit(base: Fit, kept: Fit, terms: Sequence[Term] = (), log_likelihood: float | None = None) -> float:
-    """Of effects, and of terms beside them with which they have this likelihood, over the nominal model."""
+    """Merit over the nominal model of effects, or of effects and terms with this log-likelihood."""
     reached = kept.log_likelihood if log_likelihood is None else log_likelihood
     return merit_of(reached - base.log_likelihood, _numbers(kept) + sum(map(numbers_of, terms)))
 
 
 def _numbers(found: Fit) -> int:
-    """Free numbers of a fit that its form has: of an event of any shape, when it was, and how much.
-
-    The hats that make up its shape are no form.
-    """
+    """Free parameters of a fit; an event of any shape counts start, end and wrench, not its tent basis functions."""
     events = [(len(h.shapes), len(shaped(h))) for h in found.hypotheses if h.local]
     return found.degrees - sum(6 * hats - OF_AN_EVENT * count for hats, count in events)
 
 
 def follows_something(problem: Problem, base: Fit, hold_out: Judge) -> bool:
-    """Whether one term may explain nearly all, to first order: what a hand does follows nothing."""
+    """Whether one term may explain nearly all, to first order: contact by a hand follows no drive."""
     ranked = Search(problem, base, hold_out).ranked(stand(base))
     gap = -base.log_likelihood - (problem.samples > 0).sum() / 2
     return bool(ranked and ranked[0].merit > (1 - NEARLY) * gap)
@@ -152,10 +149,10 @@ def follows_something(problem: Problem, base: Fit, hold_out: Judge) -> bool:
 def _by_name(
     search: Search, kept: Fit, found: list[tuple[float, Solved]], rounds: list[list[Scored]]
 ) -> tuple[Fit, list[tuple[float, Solved]], list[list[Scored]]]:
-    """Effects that stay with one more, where the best term beside them says the same as an effect of the catalogue.
+    """Kept effects plus one more, if the best term added to them is equivalent to an effect of the catalogue.
 
-    A torque that is linear in the direction of gravity is a wrong centre of mass: it is told by its name, although
-    the gap that other things leave keeps the effect from being found by itself.
+    A torque that is linear in the direction of gravity is a wrong centre of mass. It is reported by that name although
+    the gap left by other things keeps the effect from being found separately.
     """
     place = len(kept.hypotheses)
     if not found or place >= len(rounds):
@@ -168,11 +165,11 @@ def _by_name(
 
 
 def says(problem: Problem, effect: Scored, kept: Fit, described: Solved) -> bool:
-    """Whether an effect of the tool or its mounting does to the reading what a term that follows gravity does.
+    """Whether an effect of the tool or its mounting changes the reading as a term that follows gravity does.
 
-    It does nearly the same to the forces or the torques, whichever the term acts on, and no harm to the others: a term
-    is of the few numbers that gain most, and the effect changes what goes with them. If it has more numbers than the
-    term, they are worth their price.
+    It must do nearly the same to the forces or the torques, whichever the term acts on, and no harm to the others: a
+    term has only the few coefficients that gain most, and the effect also changes what is coupled to them. If it has
+    more parameters than the term, they must be worth their penalty.
     """
     term = described.terms[0]
     of_tool = isinstance(problem.catalogue[effect.hypothesis.effect].fit.search, (Linear, Ringing))
@@ -189,21 +186,21 @@ def says(problem: Problem, effect: Scored, kept: Fit, described: Solved) -> bool
 
 
 def _rivals(problem: Problem, base: Fit, accepted: Fit, found: Sequence[tuple[float, Solved]]) -> tuple[Term, ...]:
-    """Terms that do as well as a single effect that is an event or a pull, and say something else.
+    """Terms that are as good as a single effect that is an event or a pull, and describe something else.
 
-    What follows the motion makes no event by chance, and a cable that is no better than a steady force is none.
+    An event does not follow the motion by chance, and a cable that is no better than a steady force is none.
     """
     names = [h.effect for h in accepted.hypotheses[len(base.hypotheses) :]]
     search = type(problem.catalogue[names[0]].fit.search) if len(names) == 1 else None
     if search not in SAME:
         return ()
-    # Not by merit, which counts the numbers of an event of any shape against it.
+    # Compared by likelihood, because merit penalises the parameters of an event of any shape.
     least = base.log_likelihood + CLOSE * (accepted.log_likelihood - base.log_likelihood)
     terms = [described.terms[0] for _, described in found if described.log_likelihood > least]
     return tuple(term for term in terms if term.drive != SAME[search])
 
 
 def _holds(problem: Problem, hold_out: Judge, base: Fit, fit: Fit, accepted: Fit, share: float) -> bool:
-    """Whether a fit removes such a share of what the accepted one does on blocks that neither has seen."""
+    """Whether a fit removes this share of what the accepted one removes on held-out blocks."""
     ours, theirs = (gap_removed(problem, base.error, hold_out(one, base.error).error) for one in (fit, accepted))
     return ours > share * theirs

@@ -1,4 +1,4 @@
-"""Terms fitted beside the effects of the catalogue: Gauss-Newton in what is not linear, the rest is solved for."""
+"""Fit of terms together with effects of the catalogue: Gauss-Newton for nonlinear parameters, exact for the rest."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,20 +17,20 @@ from ftbias_jax.model.effects.terms.types import State, Term
 
 MOST_STEPS = 10
 ENOUGH = 0.5
-"""nats; a step that gains less is the last."""
+"""nats; the iteration ends with a step that gains less."""
 DAMPINGS = (0.0, 0.1, 3.0)
-"""Of the numbers that are not linear: from the one that did well last, or from none where no step is too long."""
+"""Damping factors of the nonlinear parameters, from the last one that worked, or from 0 if no step is too long."""
 RELATIVE_STEP = 1e-3
 POINT_SCALE = 0.05
-"""m."""
+"""m, scale of a point's coordinates."""
 LOCAL = ("time", "takes")
-"""Parameters of which only the bins tell in which something is switched."""
+"""Parameters that only the bins at a switching time constrain."""
 TIME_SCALE = 0.02
-"""s, in which times are moved: a bin or two."""
+"""s, scale of times: one or two bins."""
 RESOLUTION = 0.2
-"""Of one over the duration of the logs, in which a frequency is moved."""
+"""Scale of a frequency, as a multiple of one over the duration of the logs."""
 LONGEST_STEP = 0.7
-"""Of a parameter's scale in one step."""
+"""Longest step, in scales of a parameter."""
 
 
 class Solved(NamedTuple):
@@ -38,35 +38,35 @@ class Solved(NamedTuple):
 
     terms: tuple[Term, ...]
     error: np.ndarray
-    """(U, 6) innovations that remain, in standard deviations."""
+    """(U, 6) remaining innovations, in standard deviations."""
     log_likelihood: float
-    """nats, as that of a fit."""
+    """nats, as of a fit."""
     white: np.ndarray
     """(K, U, 6) columns of the coefficients, which lower the reading."""
     step: np.ndarray
-    """(S,) change of the fit's own numbers."""
+    """(S,) change of the fit's own parameters."""
 
 
 class Described(NamedTuple):
-    """Terms at their best beside the effects of a fit."""
+    """Terms at their optimum, fitted together with the effects of a fit."""
 
     terms: tuple[Term, ...]
     fit: Fit
     """Its coordinates come first in ``columns.moving``, then each term's coefficients, parameters and point, scaled."""
     scales: tuple[np.ndarray, ...]
-    """Of each term's numbers, in that order: their units in the columns."""
+    """Scales in the columns of each term's numbers, in that order."""
     local_stderr: tuple[dict[str, np.ndarray], ...]
-    """s, of each term's ``LOCAL`` numbers, which have no columns: other blocks do not predict when a change comes."""
+    """s, of each term's ``LOCAL`` parameters, which have no columns: other blocks do not predict switching times."""
 
 
 class _Place(NamedTuple):
-    """One number of a term that is not a coefficient."""
+    """Component of a term that is not a coefficient."""
 
     term: int
     name: str
-    """Of the parameter; "" for the point."""
+    """Name of the parameter; "" for the point."""
     axis: int
-    """Of the point, or number in a list."""
+    """Axis of the point, or index in a list."""
     scale: float
     least: float
     most: float
@@ -80,10 +80,10 @@ def improve(
     steps: int = MOST_STEPS,
     enough: float = 0.0,
 ) -> Solved:
-    """The terms together, better at every step, to first order in the numbers of the fit beside them.
+    """Terms improved jointly, to first order in the parameters of the fit beside them.
 
-    From the parameters and points that they have, by so many steps of Gauss-Newton at most, of which the last one gains
-    less than a share ``enough`` of the whole gain.
+    Makes at most this many Gauss-Newton steps from the current parameters and points; the last one gains less than a
+    share ``enough`` of the total gain.
     """
     places = _places(terms, float(np.ptp(state.t)))
     now, level = _solve(problem, state, prepared_fit, terms), 0
@@ -109,13 +109,13 @@ def improve(
 
 
 def fit_terms(problem: Problem, state: State, prepared_fit: PreparedFit, terms: tuple[Term, ...]) -> Described:
-    """The same, brought to its end, with all that a fit has. Arguments as above."""
+    """Terms fitted to convergence, with everything that a fit has. Arguments as in ``improve``."""
     now = improve(problem, state, prepared_fit, terms)
     return _described(problem, state, prepared_fit.fit, now, _places(terms, float(np.ptp(state.t))))
 
 
 def _places(terms: tuple[Term, ...], duration: float) -> list[_Place]:
-    """Numbers that are not linear; a frequency may move by a part of what the duration (s) tells apart."""
+    """Nonlinear parameters; the scale of a frequency is a fraction of the resolution over the duration (s)."""
     found = []
     for i, term in enumerate(terms):
         for parameter in FORMS[term.drive, term.form].parameters:
@@ -132,7 +132,7 @@ def _places(terms: tuple[Term, ...], duration: float) -> list[_Place]:
 
 
 def _solve(problem: Problem, state: State, prepared_fit: PreparedFit, terms: tuple[Term, ...]) -> Solved:
-    """Coefficients of the terms, and what becomes of the fit's own numbers beside them."""
+    """Coefficients of the terms, and the resulting change of the fit's own parameters."""
     pieces = [np.asarray(columns(np, term, state)).transpose(1, 0, 2) for term in terms]
     raw, start = -np.concatenate(pieces), prepared_fit.fit
     if not np.isfinite(raw).all():
@@ -149,7 +149,7 @@ def _solve(problem: Problem, state: State, prepared_fit: PreparedFit, terms: tup
 
 
 def _slopes(problem: Problem, state: State, terms: tuple[Term, ...], places: list[_Place]) -> np.ndarray:
-    """(N, U, 6) whitened derivatives of the reading by the numbers that are not linear, per scale."""
+    """(N, U, 6) whitened derivatives of the reading with respect to the nonlinear parameters, per scale."""
     if not places:
         return np.zeros((0, len(problem.t), 6))
     found = []
@@ -166,7 +166,7 @@ def _slopes(problem: Problem, state: State, terms: tuple[Term, ...], places: lis
 
 
 def _reduced(prepared_fit: PreparedFit, now: Solved, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Products (N, N) of the slopes without what the linear numbers do of them, theirs with the error, their power."""
+    """Normal matrix (N, N) and gradient of the slopes after projecting out the linear parameters, and their power."""
     norm = np.sqrt(np.einsum("kuc,kuc->k", now.white, now.white)) + 1e-9
     prepared = gains(prepared_fit.at(now.error), np.concatenate([now.white / norm[:, None, None], slopes]))
     K, normal, pull = len(norm), prepared.normal, prepared.pull
@@ -176,16 +176,15 @@ def _reduced(prepared_fit: PreparedFit, now: Solved, slopes: np.ndarray) -> tupl
 
 
 def _step(normal: np.ndarray, pull: np.ndarray, power: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
-    """A step (N,) of the numbers that are not linear, and the nats that it promises."""
+    """Step (N,) of the nonlinear parameters, and the predicted gain in nats."""
     ridge = 1e-9 * power.mean() + 1e-12
     step = -np.linalg.solve(normal + np.diag(damping * power + ridge), pull)
     return step, float(-pull @ step - step @ normal @ step / 2)
 
 
 def _described(problem: Problem, state: State, start: Fit, now: Solved, places: list[_Place]) -> Described:
-    """The fit with all columns that the terms' numbers have."""
     slopes = _slopes(problem, state, now.terms, places)
-    # At the edge of a bin the slope is zero: a time is known to a bin.
+    # At the edge of a bin the slope is zero, so a time is known to within a bin at best.
     width, power = np.median(np.diff(state.t)), np.einsum("nuc,nuc->n", slopes, slopes)
     formal = np.array([place.scale for place in places]) / np.sqrt(power + 1e-12)
     sure = np.hypot(width / np.sqrt(12), np.minimum(formal, width))
@@ -195,7 +194,7 @@ def _described(problem: Problem, state: State, start: Fit, now: Solved, places: 
         there = [k for k, place in enumerate(places) if place.term == i]
         own = [k for k in there if places[k].name not in LOCAL]
         timed = {name: [k for k in there if places[k].name == name] for name in LOCAL if name in term.parameters}
-        # A coefficient's column is scaled by its size, so that no prior matters.
+        # A coefficient's column is scaled by its size, so that its prior has no influence.
         size = np.maximum(np.abs(term.coefficients), 1e-12)
         moving += [now.white[row : row + count] * size[:, None, None], slopes[own]]
         scales.append(np.concatenate([size, [places[k].scale for k in own]]))

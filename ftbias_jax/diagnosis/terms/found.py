@@ -1,4 +1,4 @@
-"""Terms as the result tells them: numbers with standard errors, words, what to check, and what the plot shows."""
+"""Found terms as the result reports them: numbers with standard errors, words, what to check, and data for the plot."""
 
 import re
 from typing import NamedTuple
@@ -21,17 +21,17 @@ from ftbias_jax.model.effects.terms.types import State, Term
 from ftbias_jax.types import AXES, AXIS_UNITS
 
 MOST_POINTS = 1500
-"""Of a plot."""
+"""Maximum number of points of a plot."""
 LOADS = {"square": 2, "signed_square": 2, "cube": 3}
-"""Form -> the power of the load that it follows; 1 of all others that follow the load."""
+"""Form -> power of the load that it follows; 1 for all others that follow the load."""
 UNITS = {("payload", ""): "kg", ("local", "dry"): "N"} | {("spring", axis): "N" for axis in "xyz"}
-"""(Form, series) -> unit of a coefficient that has not that of the form's other series."""
+"""(form, series) -> unit of a coefficient that differs from that of the form's other series."""
 POWERS = {"t2": 2, "q2": 2, "q3": 3, "squared": 2} | dict.fromkeys(("xx", "yy", "zz", "xy", "xz", "yz"), 2)
-"""Series -> the power of the form's unit that it has; 1 of all others."""
+"""Series -> power of the form's unit; 1 for all others."""
 
 
 def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[FoundTerm, ...]:
-    """The terms in words and numbers, in the order in which they were found."""
+    """Terms in words and numbers, in the order in which they were found."""
     if not description.steps:
         return ()
     described = description.steps[-1].described
@@ -46,7 +46,7 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
         late: dict[str, Numbers] = {name: np.squeeze(errors).tolist() for name, errors in local.items()}
         at: dict[str, Numbers] = {"point": stderr[-3:].tolist()} if has_point(term) else {}
         values, count = np.asarray(term.coefficients, float), len(term.coefficients)
-        # A real cause never has quite the form, and no scatter of the data shows that.
+        # A real cause never has exactly this form, which the scatter of the data does not reveal.
         errors = np.hypot(stderr[:count], FORM_ERROR * np.abs(values))
         share = float(np.clip(step.share / total, 0, 1))
         drives = [rival.drive for rival in step.rivals]
@@ -71,7 +71,7 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
 
 
 def found_term(term: Term, errors: np.ndarray, text: str, statement: str, gain: tuple[float, float]) -> FoundTerm:
-    """A term in words and numbers, without rivals: errors (K,) of its coefficients, and its gain in nats/s with its."""
+    """Term in words and numbers, without rivals: errors (K,) of coefficients; gain in nats/s and its standard error."""
     return FoundTerm(
         drive=term.drive,
         form=term.form,
@@ -96,21 +96,21 @@ def found_term(term: Term, errors: np.ndarray, text: str, statement: str, gain: 
 
 
 def _rms(term: Term, gap: Gap, share: float) -> str:
-    """How large a term's part of the reading is, by its share of the gap, with its unit."""
+    """Rms of a term's part of the reading, derived from its share of the gap, with its unit."""
     group, unit = (slice(3, 6), "Nm") if term.acts_as == "torque" else (slice(0, 3), "N")
     removed = np.maximum(gap.before_rms[group] ** 2 - gap.noise_floor[group] ** 2, 0)
     return f"{np.sqrt(share * np.nanmean(removed)):.2g} {unit}"
 
 
 def _curve(problem: Problem, state: State, fit: Fit, term: Term) -> Curve:
-    """The channel in which the term changes most, in units of its noise, against the drive."""
+    """Residual against the drive in the channel that the term changes most, in units of its noise."""
     made = np.asarray(added(np, term, state))
     channel = int((made / problem.noise_std).std(0).argmax())
     left = fit.error[:, channel] * np.sqrt(problem.variance[:, channel])
     seen = problem.samples[:, channel] > 0
-    # The innovations are nearly white: what is left with the term, plus the term, is what was left without it.
+    # The innovations are nearly white, so the residual with the term plus the term is the residual without it.
     fitted = made[:, channel] - made[seen, channel].mean()
-    if term.drive == "constant":  # what it follows is how its direction lies in the sensor
+    if term.drive == "constant":  # its drive is the orientation of its direction in the sensor
         drive, name = fitted, f"what the term makes of {AXES[channel]} [{AXIS_UNITS[channel]}]"
     else:
         drive, name = _drive(term, state, channel)
@@ -119,7 +119,7 @@ def _curve(problem: Problem, state: State, fit: Fit, term: Term) -> Curve:
 
 
 def _drive(term: Term, state: State, channel: int) -> tuple[np.ndarray, str]:
-    """(U,) the quantity that drives a term, and its name with the unit."""
+    """(U,) quantity that drives a term, and its name with the unit."""
     moved = at_point(np, state, np.asarray(term.point)) if has_point(term) else state
     axis = channel % 3
     letter = "xyz"[axis]
@@ -157,18 +157,18 @@ def _drive(term: Term, state: State, channel: int) -> tuple[np.ndarray, str]:
 
 
 class Coefficient(NamedTuple):
-    """What a number of a term belongs to."""
+    """What a coefficient of a term belongs to."""
 
     series: str
-    """Such as "sin"; "" where there is one only."""
+    """Name of the series, such as "sin"; "" if there is only one."""
     axis: str
-    """Such as "fx"; "" where it acts along more than one."""
+    """Name of the channel, such as "fx"; "" if it acts along more than one."""
     unit: str
-    """In words such as ``N per m/s``."""
+    """Unit in words, such as ``N per m/s``."""
 
 
 def coefficients_of(term: Term) -> list[Coefficient]:
-    """Of every coefficient in use."""
+    """Series, axis and unit of every coefficient in use."""
     form = FORMS[term.drive, term.form]
     single = form.kind == "vectors" and not (term.frame == "sensor" and form.series == 1)
     found = []
@@ -181,7 +181,7 @@ def coefficients_of(term: Term) -> list[Coefficient]:
 
 
 def _place(term: Term, column: int) -> tuple[int, int]:
-    """Which of the form's series a column belongs to, and the channel along which it acts; the first for vectors."""
+    """Index of the form's series that a column belongs to, and of the channel it acts on (the first for vectors)."""
     form = FORMS[term.drive, term.form]
     torque = 3 * (term.acts_as == "torque")
     if form.kind == "channels":
@@ -198,7 +198,7 @@ def _place(term: Term, column: int) -> tuple[int, int]:
 
 
 def _unit_of_load(term: Term, channel: int) -> str:
-    """The unit of a coefficient that makes a channel's reading, or its variance, of the channel's own load."""
+    """Unit of a coefficient that maps a channel's own load to its reading or its noise variance."""
     form, own = FORMS[term.drive, term.form], AXIS_UNITS[channel]
     if term.drive == "noise":
         return f"{own}^2 per {f'{own}^2' if form.name == 'load' else form.unit}"
@@ -217,7 +217,7 @@ def _unit(term: Term, series: str, channel: int) -> str:
 
 
 def grouped(term: Term, values: np.ndarray) -> dict[str, Numbers]:
-    """Coefficients by unit, as the JSON has them: a number, or a list along the axes."""
+    """Coefficients by unit, as in the JSON: a number, or a list along the axes."""
     found: dict[str, list[Numbers]] = {}
     for one, value in zip(coefficients_of(term), values, strict=True):
         key = _key("_".join(part for part in (one.series, one.unit) if part))
@@ -226,7 +226,7 @@ def grouped(term: Term, values: np.ndarray) -> dict[str, Numbers]:
 
 
 def _key(text: str) -> str:
-    """A unit as part of a name: ``N per m/s`` -> ``N_per_m_s``, ``N per (m/s)^2`` -> ``N_per_m2_s2``."""
+    """Unit as part of a name: ``N per m/s`` -> ``N_per_m_s``, ``N per (m/s)^2`` -> ``N_per_m2_s2``."""
     text = text.replace("(m/s^2)^2", "m2 s4")
     text = re.sub(r"\((\w+)/s\)\^(\d)", r"\1\2 s\2", text)
     return text.replace("^", "").replace("/", "_").replace(" ", "_")
@@ -240,7 +240,7 @@ def sentence(term: Term, values: np.ndarray, stderr: np.ndarray, share: float) -
 
 
 def statement(term: Term, values: np.ndarray, stderr: np.ndarray, rms: str) -> str:
-    """The same without frame and share, for a headline; of several numbers only what they add up to, ``rms``."""
+    """Description for a headline, without frame and share; several coefficients are summarised by their ``rms``."""
     size = _size(term, values, stderr) if len(values) == 1 else f"about {rms}"
     return f"{_what(term)} of {size} {_does(term)}"
 
@@ -254,7 +254,7 @@ def _what(term: Term) -> str:
 
 
 def _does(term: Term) -> str:
-    """What it follows, with the numbers of its form filled in."""
+    """What the term follows, with the parameters of its form filled in."""
     numbers = {name: float(value) for name, value in term.parameters.items() if np.size(value) == 1}
     if "frequency" in numbers:
         numbers["period"] = 1 / max(numbers["frequency"], 1e-9)
@@ -264,7 +264,7 @@ def _does(term: Term) -> str:
 
 
 def _size(term: Term, values: np.ndarray, stderr: np.ndarray) -> str:
-    """The largest coefficient, or all of them if they are few."""
+    """Most significant coefficient, or all of them if they are few."""
     of = coefficients_of(term)
     words = [value_words(float(value), float(error)) for value, error in zip(values, stderr, strict=True)]
     if len(values) == 1:

@@ -1,6 +1,6 @@
-"""The terms that are tried on a problem: every form of every drive, with its parameters on a grid.
+"""Grid of candidate terms for a problem: every form of every drive, with its parameters on a grid.
 
-With them what stands out in the spectrum of the innovations: lines in time, and in the angle of a joint.
+Candidates from the spectrum of the innovations are added: spectral lines in time, and in the angle of a joint.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -20,23 +20,23 @@ from ftbias_jax.model.effects.terms.types import State, Term
 from ftbias_jax.types import Array
 
 SWINGS = tuple((f, z) for f in np.geomspace(0.4, 14.0, 13) for z in (0.04, 0.3))
-"""Hz and shares of critical damping."""
+"""Hz and damping ratios."""
 SPEEDS, TURNS = (0.005, 0.05), (0.01, 0.1)
 """m/s and rad/s below which dry friction gives way."""
 CENTRES = 5
-"""Places along every axis of the base where a field may come from."""
+"""Number of candidate origins of a field along every axis of the base."""
 REGIONS, RADII = 24, (0.12, 0.3)
-"""Places on the way of the tool about which there may be a region, and shares of the way's extent that it reaches."""
+"""Number of positions on the tool's path where a region may be centred, and radii as shares of the path's extent."""
 REFERENCES = (0.0, 0.5, 1.0)
 """Quantiles of the temperature at which gauges may be right."""
 QUANTILES = (0.3, 0.6, 0.85)
-"""Of the tool's places along a normal, beyond which a wall begins."""
+"""Quantiles of the tool's positions along a normal, beyond which a wall begins."""
 LINEAR_DRIVES = ("position", "velocity", "acceleration")
-"""Of the sensor's place; not known where only its orientation is recorded."""
+"""Drives by the sensor's position, which is unknown where only its orientation is recorded."""
 ENTRIES = 7
-"""Of a recorded pose with the place."""
+"""Number of entries of a recorded pose that includes the position."""
 FORCE, TORQUE, SENSOR, JOINT = ("base", "force"), ("base", "torque"), ("sensor", "wrench"), ("joint", "torque")
-"""Frame, and what a term acts as."""
+"""Frame of a term, and what it acts as."""
 EACH = (FORCE, TORQUE, SENSOR)
 """Scalars along the axes of the base, as forces and as torques, and along those of the sensor."""
 SWITCHED = {
@@ -45,9 +45,9 @@ SWITCHED = {
     "torque": ("time", "step", (TORQUE,)),
     "payload": ("acceleration", "payload", (FORCE,)),
 }
-"""What may be switched on and off -> drive, form, frame and what it acts as."""
+"""What may be switched on and off -> drive, form, frame, and what the term acts as."""
 TAKEN_OVER = 0.05
-"""s in which a part is taken from the table at first: a fit finds less, but from a step it finds no slope."""
+"""s, starting value of the time in which a load is taken up: a fit can shorten it, but a step would have no slope."""
 
 
 def make_term(
@@ -59,16 +59,16 @@ def make_term(
     parameters: Mapping[str, Array] | None = None,
     point: np.ndarray | None = None,
 ) -> Term:
-    """A term without coefficients."""
+    """Term without coefficients."""
     at = np.zeros(3) if point is None else point
     numbers = {name: np.squeeze(np.asarray(value, float)) for name, value in (parameters or {}).items()}
     return Term(drive, form, frame, acts_as, joint, (), numbers, at, np.zeros(0))
 
 
 def make_grid(problem: Problem, state: State, point: np.ndarray, fit: Fit, fast: Sequence[float] = ()) -> list[Term]:
-    """All terms to try, with forces that act at a point (3,) m, sensor frame, at first.
+    """All terms to try, with forces that act at a point (3,) m, sensor frame, initially.
 
-    What a fit leaves is looked at for what stands out, beside ``fast``, Hz of lines in the single samples.
+    The residual of a fit is searched for further terms, in addition to ``fast``, lines of the individual samples in Hz.
     """
     terms = (*_slow(problem), *_of_places(state), *_of_joints(problem, state), *_vectors(state), *_channels(problem))
     shifts = state.q.shape[1] or problem.joints == ENTRIES
@@ -79,7 +79,7 @@ def make_grid(problem: Problem, state: State, point: np.ndarray, fit: Fit, fast:
 def that_stand_out(
     problem: Problem, state: State, point: np.ndarray, fit: Fit, fast: Sequence[float] = ()
 ) -> list[Term]:
-    """Terms by what a fit leaves: lines in time and in angles of joints, and what is switched. Arguments as above."""
+    """Terms suggested by the residual of a fit: lines in time, lines in joint angles, switching. Arguments as above."""
     found = [*_terms("frequency", "line", EACH, _each("frequency", [*fast, *lines(problem, fit.error)]))]
     for joint, multiple in multiples(state, fit.error):
         found += _terms("joint_angle", "harmonic", EACH, [{"multiple": multiple}], joint)
@@ -87,7 +87,7 @@ def that_stand_out(
 
 
 def of_switches(problem: Problem, state: State, fit: Fit, names: Collection[str] = SWITCHED) -> Iterator[Term]:
-    """The terms of what is switched on and off, as what a fit leaves suggests them; of these names of ``SWITCHED``."""
+    """Terms for switching on and off that the residual of a fit suggests, restricted to these names of ``SWITCHED``."""
     for name, times in switches(problem, state, fit, names):
         takes = {"takes": TAKEN_OVER} if name == "payload" else {}
         yield from _terms(*SWITCHED[name], [{"time": times, **takes}])
@@ -104,7 +104,7 @@ def _terms(
     grid: Iterable[Mapping[str, Array]] = ({},),
     joint: int = 0,
 ) -> Iterator[Term]:
-    """A form with every set of parameters of a grid, in frames and as what it may act."""
+    """Form with every set of parameters of a grid, in each frame and as whatever it may act."""
     for parameters in grid:
         for frame, acts_as in places:
             yield make_term(drive, form, frame, acts_as, joint, parameters)
@@ -155,7 +155,7 @@ def _vector(numbers: Iterable[float]) -> dict[str, float]:
 
 
 def _of_joints(problem: Problem, state: State) -> Iterator[Term]:
-    count = state.q.shape[1]  # none, if the sensor's pose is recorded
+    count = state.q.shape[1]  # 0 if the sensor's pose is recorded
     for j in range(1, count + 1):
         if np.ptp(state.q[:, j - 1]) < LEAST_TURN:
             continue
@@ -197,13 +197,13 @@ def _vectors(state: State) -> Iterator[Term]:
     fields = [_vector(centre) | {"power": 2.0, "core": 0.1} for centre in centres]
     yield from _terms("position", "attraction", (FORCE,), fields)
     extent = float(np.linalg.norm(high - low))
-    for radius in (share * extent for share in RADII if extent > 0):  # it may turn without moving
+    for radius in (share * extent for share in RADII if extent > 0):  # the tool may rotate without translating
         regions = [_vector(place) | {"radius": radius, "edge": radius / 3} for place in _visited(state.position)]
         yield from _terms("velocity", "local", (FORCE,), regions)
 
 
 def _visited(positions: np.ndarray) -> list[np.ndarray]:
-    """Places (3,) among positions (U, 3), each as far as possible from those before it."""
+    """Positions (3,) chosen from (U, 3), each as far as possible from the previous ones."""
     chosen, distance = [positions[0]], np.full(len(positions), np.inf)
     for _ in range(REGIONS - 1):
         distance = np.minimum(distance, ((positions - chosen[-1]) ** 2).sum(1))
@@ -229,5 +229,5 @@ def _channels(problem: Problem) -> Iterator[Term]:
 
 
 def free_names(term: Term) -> tuple[str, ...]:
-    """Names of the parameters in which the form is not linear, without times at which something is switched."""
+    """Names of the nonlinear parameters of the form, except switching times."""
     return tuple(own.name for own in FORMS[term.drive, term.form].parameters if not own.several)

@@ -1,4 +1,4 @@
-"""The grid's terms whitened once, and what each of them gains beside a fit."""
+"""Library of the grid's whitened terms, computed once, and the gain of each in addition to a fit."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,7 +24,7 @@ from ftbias_jax.model.effects.terms.columns import (
 from ftbias_jax.model.effects.terms.types import State, Term
 
 ROUNDS = 6
-"""Of solving for the coefficients and the point of a force in turns."""
+"""Alternating solutions for the coefficients and the point of a force."""
 AT_ONE_POINT = (
     ("position", "attraction"),
     ("position", "quadratic"),
@@ -34,25 +34,25 @@ AT_ONE_POINT = (
     ("time", "wave"),
     ("frequency", "line"),
 )
-"""Forms with many starting points: at first their forces act at the tool's centre of mass."""
+"""Forms with many starting points: their forces initially act at the tool's centre of mass."""
 FORCE, TORQUE, ALL = (np.isin(np.arange(6), own) for own in ((0, 1, 2), (3, 4, 5), range(6)))
 
 
 class Trial(NamedTuple):
-    """One term of the grid, with M columns: lanes of the library, each of which acts on some channels."""
+    """Term of the grid with M columns: lanes of the library, each of which acts on some channels."""
 
     term: Term
     lanes: np.ndarray
-    """(M,) whole numbers."""
+    """(M,) indices of the lanes."""
     acts: np.ndarray
     """(M, 6) whether a column acts on a channel."""
     arms: int = 0
-    """How many columns, the last ones, are torques of the others' forces about the three axes of the sensor, three
-    each, where the point of the term is free."""
+    """Number of trailing columns, torques of the other columns' forces about each axis of the sensor, if the point is
+    free."""
 
 
 class Ranked(NamedTuple):
-    """A term with what it gains."""
+    """Term with its merit."""
 
     merit: float
     """nats after the penalties."""
@@ -66,15 +66,15 @@ class Library(NamedTuple):
     white: np.ndarray
     """(6, L, U), channels first."""
     normals: list[np.ndarray]
-    """(M, M) products of each trial's columns."""
+    """(M, M) inner products of each trial's columns."""
 
 
 Place = Callable[[tuple[object, ...], Callable[[], np.ndarray]], range]
-"""(what lanes are of, how to make them (U, L, 6)) -> the lanes, which may be there already."""
+"""(key of the lanes, function that makes them (U, L, 6)) -> indices of the lanes, which are reused if they exist."""
 
 
 def make_library(problem: Problem, state: State, terms: list[Term]) -> Library:
-    """Whiten what the terms need, several columns in one lane where their channels differ."""
+    """Whiten the lanes that the terms need; columns that act on different channels share a lane."""
     pieces: list[np.ndarray] = []
     places: dict[tuple[object, ...], range] = {}
 
@@ -92,7 +92,6 @@ def make_library(problem: Problem, state: State, terms: list[Term]) -> Library:
 
 
 def _trial(term: Term, state: State, place: Place) -> Trial:
-    """A term whose columns have found their lanes."""
     key = (term.drive, term.form, term.frame, term.joint, *((n, *np.ravel(x)) for n, x in term.parameters.items()))
     if acts_on_channels(term):
         lanes = place((*key, "channels"), lambda: channel_series(np, term, state))
@@ -111,13 +110,12 @@ def _trial(term: Term, state: State, place: Place) -> Trial:
 
 
 def _arms(forces: np.ndarray) -> np.ndarray:
-    """(U, K, 3) forces -> (U, 3 K, 6) their torques about a metre along each axis of the sensor."""
+    """(U, K, 3) forces -> (U, 3 K, 6) their torques for a lever arm of one metre along each axis of the sensor."""
     found: np.ndarray = torques(np, np.cross(np.eye(3), forces[:, :, None]))
     return found.reshape(len(forces), -1, 6)
 
 
 def _products(white: np.ndarray, trial: Trial) -> np.ndarray:
-    """(M, M) products of a trial's columns."""
     lanes, place = np.unique(trial.lanes, return_inverse=True)
     own = white[:, lanes]
     of_lanes = own @ own.transpose(0, 2, 1)
@@ -126,13 +124,13 @@ def _products(white: np.ndarray, trial: Trial) -> np.ndarray:
 
 
 def rank(library: Library, prepared_fit: PreparedFit) -> list[Ranked]:
-    """Every term of the grid beside a fit, best first."""
+    """Every term of the grid in addition to a fit, best first."""
     pairs = zip(library.trials, _gains(library, prepared_fit), strict=True)
     return sorted((_judge(trial, prepared) for trial, prepared in pairs), key=lambda ranked: -ranked.merit)
 
 
 def _gains(library: Library, prepared_fit: PreparedFit) -> list[Gains]:
-    """Those of every trial's columns beside a fit; the products of all lanes with the fit are worked out together."""
+    """Gains of every trial's columns in addition to a fit, from one product of all lanes with the fit."""
     if not library.trials:
         return []
     fit, white = prepared_fit.fit, library.white
@@ -151,15 +149,15 @@ def _gains(library: Library, prepared_fit: PreparedFit) -> list[Gains]:
 
 
 def merit_of(gain: float, numbers: int) -> float:
-    """nats that count of a gain by so many free numbers; times are numbers, too.
+    """Merit in nats of a gain with this many free parameters, including times.
 
-    What is switched each time a joint turns back says what friction of that joint says by two numbers.
+    Counting times matters: switching whenever a joint reverses mimics that joint's friction, which has two parameters.
     """
     return gain * (1 - SHARE_PER_NUMBER * numbers) - NATS_PER_DEGREE * numbers
 
 
 def times_of(term: Term) -> int:
-    """How often a term is switched on or off."""
+    """Number of times at which a term is switched."""
     return np.size(term.parameters["time"]) if "time" in term.parameters else 0
 
 
@@ -187,7 +185,7 @@ def _with(term: Term, coefficients: np.ndarray, point: np.ndarray | None = None,
 def _with_point(prepared: Gains, count: int, forces: int) -> tuple[float, np.ndarray, np.ndarray]:
     """Gain, point (3,) m and coefficients (K,) of columns, the first of which are forces at one unknown point.
 
-    After the columns come three torques for each of the forces.
+    The columns are followed by three torques for each of the forces.
     """
     size = count + 3 * forces
     normal, pull = prepared.normal + 1e-9 * np.trace(prepared.normal) * np.eye(size) / size, prepared.pull

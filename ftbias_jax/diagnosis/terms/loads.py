@@ -1,4 +1,4 @@
-"""Loads that are taken up and put down: whether they are all that a log shows, and what touches them meanwhile."""
+"""Loads that are picked up and put down: whether they explain a log completely, and contact during the hand-overs."""
 
 from dataclasses import replace
 
@@ -22,12 +22,12 @@ from ftbias_jax.model.effects.terms.types import State, Term
 
 
 def all_carried(problem: Problem, base: Fit) -> Problem | None:
-    """The problem without what touches a load in the hand-overs, if such a load is all that a log shows; None if not.
+    """Problem without contact during hand-overs if a carried load explains the log completely; None if it does not.
 
-    A load that is taken up in the middle of a log then closes the gap by itself, and nothing else is looked for.
-    Nothing that acts all along does, and a search for effects of any shape would take the longest of all: a tool that
-    is not as stated is no load that is there nearly all along. It closes the gap on blocks that it has not seen, too:
-    several times at will fit much of what noise alone leaves.
+    A load that is picked up in the middle of a log then closes the gap alone, and no further search is needed. Nothing
+    that acts all along does, and searching for effects of any shape would take longest. A tool that differs from the
+    setup is not a load present nearly all along. The gap must also close on held-out blocks, because a load at
+    arbitrary times fits much of the noise.
     """
     if gap_of(problem, base) <= enough(problem, base):
         return None
@@ -52,7 +52,7 @@ def all_carried(problem: Problem, base: Fit) -> Problem | None:
 
 
 def _may_be_all(problem: Problem, base: Fit, rough: Solved) -> bool:
-    """Whether a load takes nearly all of the gap away from the times at which it is handed over, which may be off."""
+    """Whether a load removes nearly all of the gap outside its hand-over times, which may still be inexact."""
     near = _away(problem, rough.terms[0]) < 2 * thresholds.HANDOVER
     elsewhere = problem.without(near)
     left = gap_of(elsewhere, base._replace(error=rough.error))
@@ -60,12 +60,12 @@ def _may_be_all(problem: Problem, base: Fit, rough: Solved) -> bool:
 
 
 def _away(problem: Problem, load: Term) -> np.ndarray:
-    """(U,) s from every bin to the nearest time of a load."""
+    """(U,) s from every bin to the nearest hand-over time of a load."""
     return np.abs(problem.t[:, None] - np.ravel(load.parameters["time"])).min(1)
 
 
 def _timed(problem: Problem, state: State, found: Solved) -> tuple[Term, np.ndarray]:
-    """A load with the times that most bins near them agree on, however wrong the others are, and the innovations."""
+    """Load with times that most bins near them agree on, whatever the outliers are, and the innovations."""
     (load,), error = found.terms, found.error
     step = float(np.median(np.diff(problem.t)))
     shifts = np.arange(-thresholds.HANDOVER, thresholds.HANDOVER, step)
@@ -84,10 +84,10 @@ def _timed(problem: Problem, state: State, found: Solved) -> tuple[Term, np.ndar
 
 
 def without_touches(problem: Problem, load: Term, error: np.ndarray) -> Problem:
-    """The problem in which what a load leaves near its times is noise: fingers close, press, and settle.
+    """Problem in which the residual of a load near its times counts as noise, because fingers close, press and settle.
 
-    While a part is handed over it touches what it lies on, and what it is pushed with is no weight. The innovations
-    beside the load are (U, 6), in standard deviations.
+    During a hand-over the part touches its support, and the contact force is no weight. The innovations with the load
+    are (U, 6), in standard deviations.
     """
     touched = (_away(problem, load) < thresholds.HANDOVER)[:, None] & (np.abs(error) > thresholds.TOUCHED)
     return problem.louder(np.where(touched, error**2 * problem.variance, 0.0))

@@ -1,4 +1,4 @@
-"""Noise whose variance follows something: judged on single samples, by held-out likelihood against a constant."""
+"""Noise whose variance follows a drive, judged on individual samples by held-out likelihood against constant noise."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -23,33 +23,33 @@ from ftbias_jax.model.effects.terms.types import State
 
 FORMS_OF_NOISE = tuple(name for drive, name in FORMS if drive == "noise")
 OF_MOTION = ("speed", "joints")
-"""What an effect of the catalogue whose noise grows with the speed says better."""
+"""Forms that the catalogue's effect of noise growing with speed describes better."""
 MOST_ROWS = 4096
-"""Longer logs are averaged over runs of samples, in which no drive changes much."""
+"""Longer logs are averaged over runs of samples, within which no drive changes much."""
 
 
 class Growing(NamedTuple):
-    """One form, fitted to the variance of each channel."""
+    """One form of growth, fitted to the variance of each channel."""
 
     form: str
     weight: np.ndarray
-    """(2, 6) N^2, Nm^2: at zero, and per unit of the form."""
+    """(2, 6) N^2, Nm^2: variance at zero, and per unit of the form."""
     stderr: np.ndarray
     """(2, 6)."""
     nats: float
-    """Over a constant, on blocks that it has not seen."""
+    """Gain over constant noise on held-out blocks."""
     nats_stderr: float
     visible: float
-    """Standard deviation in the loudest tenth of the log per the quietest, in the channel that grows most."""
+    """Ratio of standard deviations in the loudest and quietest tenths of the log, in the channel that grows most."""
 
 
 def noise_term(
     problem: Problem, logs: Sequence[Log], samples: Sequence[SampleFindings], state: State, found: Collection[Finding]
 ) -> FoundTerm | None:
-    """The term that the noise of the longest log follows, if it is certain and no effect of the catalogue says it."""
+    """Noise term of the longest log, if it is significant and no effect of the catalogue describes it."""
     longest = int(np.argmax(problem.durations))
     growing = _best(problem, logs[longest], samples[longest], state, longest)
-    # Many forms and channels are tried, and the best one has two standard errors by chance: 1 in 50 logs.
+    # Many forms and channels are tried, so the best one reaches two standard errors by chance in 1 of 50 logs.
     if growing is None or growing.nats < max(thresholds.GROWTH_NATS, thresholds.BEYOND_CHANCE * growing.nats_stderr):
         return None
     of_speed = next((finding.nats for finding in found if finding.sign == GROWTH), 0.0)
@@ -81,7 +81,7 @@ def _best(problem: Problem, log: Log, samples: SampleFindings, state: State, num
 
 
 def _score(drive: np.ndarray, squares: np.ndarray) -> float:
-    """nats that a small share of a drive (N, 6) gains over a constant: the score test of normal noise."""
+    """nats that a small share of a drive (N, 6) gains over a constant: the score test of Gaussian noise."""
     apart = drive - drive.mean(0)
     surplus = np.minimum(squares / squares.mean(0), thresholds.FAR_SQUARES) - 1
     along = np.maximum((surplus * apart).sum(0), 0)
@@ -89,7 +89,7 @@ def _score(drive: np.ndarray, squares: np.ndarray) -> float:
 
 
 def _fitted(form: str, drive: np.ndarray, squares: np.ndarray, block: np.ndarray, run: int) -> Growing:
-    """A constant and one drive (N, 6) that is not negative, channel by channel."""
+    """Constant and one nonnegative drive (N, 6), fitted channel by channel."""
     weight, stderr = np.zeros((2, 2, 6))
     gains = np.zeros((block.max() + 1, 6))
     visible = np.ones(6)
@@ -107,7 +107,7 @@ def _fitted(form: str, drive: np.ndarray, squares: np.ndarray, block: np.ndarray
 
 
 def louder(problem: Problem, term: FoundTerm, state: State) -> Problem:
-    """The problem with the variance that a term adds to the noise of its bins."""
+    """Problem with the variance that a term adds to the noise of its bins."""
     own = replace(make_term("noise", term.form, "sensor", "noise"), coefficients=term.section["coefficients"])
     return problem.louder(noise_variance(np, {"noise": own}, state) / np.maximum(problem.samples, 1))
 

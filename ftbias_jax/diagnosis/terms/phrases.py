@@ -1,4 +1,4 @@
-"""What is said of each drive and of each form."""
+"""Wording of the report for each drive and each form."""
 
 from typing import NamedTuple
 
@@ -9,12 +9,12 @@ from ftbias_jax.types import Array
 
 
 class Words(NamedTuple):
-    """What is said of a drive, whatever its form."""
+    """Wording for a drive, whatever its form."""
 
     resembles: tuple[str, ...]
     check: str
     separate_by: str
-    """The motion that tells it from another drive."""
+    """Motion that distinguishes it from another drive."""
 
 
 DRIVE_WORDS = {
@@ -158,7 +158,7 @@ FORM_WORDS = {
     ("noise", "speed"): "with the square of the tool's speed",
     ("noise", "joints"): "with the squares of the joints' speeds",
 }
-"""What each form does, with its parameters to be filled in."""
+"""Action of each form, as a template for its parameters."""
 
 LIKE = {
     ("velocity", "coulomb"): "dry friction",
@@ -177,17 +177,17 @@ LIKE = {
     ("joint_velocity", "heat"): "heat of the motors",
     ("joint_velocity", "friction"): "a seal that rubs",
 }
-"""What a form resembles most, where that is not the first of what its drive resembles."""
+"""What a form resembles most, if that differs from the first cause that its drive resembles."""
 SLOWEST = {"mains hum": 16.0, "a structure that rings": 2.0, "a fan, pump or motor": 0.2}
-"""Hz; railways have the slowest mains, 16.7 Hz."""
+"""Hz, lowest frequency of each cause; railways have the lowest mains frequency, 16.7 Hz."""
 
 
 FEW = 3
-"""Spells that are listed one by one."""
+"""Number of intervals up to which they are listed one by one."""
 
 
 def spells_in_words(times: Array) -> str:
-    """When something is there that is switched on and off in turn at so many times (N,) s."""
+    """Intervals in words of something switched on and off alternately at the times (N,) s."""
     edges = np.ravel(times)
     lengths = np.diff(edges)[::2]
     if len(lengths) > FEW:
@@ -198,7 +198,7 @@ def spells_in_words(times: Array) -> str:
 
 
 def resembles(term: Term) -> tuple[str, ...]:
-    """Kinds of causes that look like a term, the likeliest first."""
+    """Kinds of causes that look like a term, likeliest first."""
     first = LIKE.get((term.drive, term.form))
     others = DRIVE_WORDS[term.drive].resembles
     if term.drive == "frequency":

@@ -1,4 +1,4 @@
-"""Which terms describe what the catalogue does not explain: the best one added while it earns it on unseen blocks."""
+"""Selection of terms for what the catalogue does not explain: the best is added while it improves held-out blocks."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,36 +21,36 @@ from ftbias_jax.model.effects.terms.columns import added, columns, has_point, st
 from ftbias_jax.model.effects.terms.types import State, Term
 
 STARTS = {"attraction": 5, "barrier": 2, "surface": 2, "local": 3}
-"""Points of the grid from which forms with several maxima are fitted."""
+"""Number of grid points from which forms with several maxima are fitted."""
 FINE = 13
-"""Times tried at every refinement of one, of which two are made."""
+"""Number of times tried in each of two refinements of a switching time."""
 ROUGH_STEPS, FURTHER_STEPS = 5, 10
-"""Of a first fit, and more of the best of those."""
+"""Steps of a first fit, and further steps of the best of these fits."""
 ROUGHLY = 1e-3
-"""Share of its whole gain that the last step of such a fit gains less than."""
+"""Share of its total gain that the last step of such a fit gains less than."""
 
 SHARED = ("gravity", "period")
-"""Of all logs, not of a bin."""
+"""Fields that belong to all logs and have no time axis."""
 
 
 class Step(NamedTuple):
-    """One more term, with all that were chosen before."""
+    """One more term, with all that were chosen before it."""
 
     described: Described
-    """Of all terms so far; the new one comes last."""
+    """All terms so far, the new one last."""
     rivals: tuple[Term, ...]
-    """The best term of each other drive that describes the logs as well in its place."""
+    """Best term of each other drive that describes the logs as well in its place."""
     held: HeldOut
-    """On blocks it has not seen, over the step before."""
+    """Evaluation on held-out blocks, over the previous step."""
     share: float
     """Mean square gap that it removes there, in noise variances."""
 
 
 class Search:
-    """The terms of one problem; the grid is whitened once."""
+    """Search for the terms of one problem; the grid is whitened once."""
 
     def __init__(self, problem: Problem, base: Fit, hold_out: Judge, fast: Sequence[float] = ()) -> None:
-        """Whiten the grid; fast: Hz of lines in the single samples."""
+        """Whiten the grid; fast: Hz of spectral lines in the individual samples."""
         self.problem, self.base, self.hold_out = problem, base, hold_out
         self.state: State = state_of_problem(problem, base)
         theta = np.asarray(problem.parts[0].signals.model.theta)
@@ -59,7 +59,7 @@ class Search:
         self.library: Library = make_library(problem, self.state, grid)
 
     def best(self, start: Fit) -> list[tuple[float, Solved]]:
-        """The most promising terms fitted beside the effects of a fit, with their merits, best first."""
+        """Most promising terms, fitted together with the effects of a fit, with their merits, best first."""
         prepared_fit = stand(start)
         ranked = self.ranked(prepared_fit)
         top = ranked[0].merit if ranked else 0.0
@@ -72,14 +72,14 @@ class Search:
 
         timed = (self._timed(one.term, prepared_fit) if times_of(one.term) == 1 else one.term for one in few)
         found = sorted((improved(term, ROUGH_STEPS) for term in timed), key=_order)
-        for form in STARTS:  # the best of several starts goes on
+        for form in STARTS:  # the fit from the best of several starts is continued
             best = next((i for i, (_, one) in enumerate(found) if one.terms[0].form == form), None)
             if best is not None and found[best][0] > thresholds.TERM_GOES_ON * found[0][0]:
                 found[best] = improved(found[best][1].terms[0], FURTHER_STEPS)
         return sorted(found, key=_order)
 
     def ranked(self, prepared_fit: PreparedFit) -> list[Ranked]:
-        """The grid beside a fit, best first, with what stands out in the spectra of what that leaves."""
+        """Grid ranked in addition to a fit, best first, with terms suggested by the spectra of its residual."""
         ranked, start = rank(self.library, prepared_fit), prepared_fit.fit
         if start is not self.base:
             further = that_stand_out(self.problem, self.state, self.point, start)
@@ -87,7 +87,7 @@ class Search:
         return sorted(ranked, key=lambda one: -one.merit)
 
     def _timed(self, term: Term, prepared_fit: PreparedFit) -> Term:
-        """The best time near that of what sets in suddenly: the likelihood is not smooth in it."""
+        """Term with the best switching time near its own: the likelihood is not smooth in it."""
         reach = max(self.problem.durations) / FINE
         for _ in range(2):
             times = np.maximum(float(term.parameters["time"]) + reach * np.linspace(-1, 1, FINE), 0.0)
@@ -97,7 +97,7 @@ class Search:
         return term
 
     def grow(self, start: Fit, first: list[tuple[float, Solved]]) -> list[Step]:
-        """Terms beside a fit, ``first`` of which are ``best(start)``, while each removes enough on unseen blocks."""
+        """Add terms to a fit while each removes enough on held-out blocks; ``first`` is ``best(start)``."""
         steps: list[Step] = []
         least = max(enough(self.problem, self.base), least_beside_joints(self.problem))
         now = start
@@ -115,7 +115,7 @@ class Search:
     def _step(
         self, start: Fit, now: Fit, chosen: tuple[Term, ...], found: list[tuple[float, Solved]], place: int
     ) -> Step | None:
-        """One candidate fitted with all that were chosen, and judged on unseen blocks."""
+        """Candidate fitted with all chosen terms and judged on held-out blocks; None if it fails."""
         problem, (_, one) = self.problem, found[place]
         described = fit_terms(problem, self.state, stand(start), (*chosen, *one.terms))
         gain = described.fit.log_likelihood - now.log_likelihood
@@ -132,7 +132,6 @@ class Search:
         return Step(described, self._rivals(now, [d for _, d in found], place), held, share)
 
     def _rivals(self, now: Fit, found: list[Solved], place: int) -> tuple[Term, ...]:
-        """Terms of other drives that could stand in the place of the one that was chosen."""
         best = found[place]
         gain = best.log_likelihood - now.log_likelihood
         rivals: dict[str, Term] = {}
@@ -149,7 +148,7 @@ class Search:
 
 
 def state_of_problem(problem: Problem, fit: Fit) -> State:
-    """All logs end to end, (U, ...); the load is the reading that the fit predicts."""
+    """State of all logs concatenated, (U, ...); the load is the reading that the fit predicts."""
     load = readings(problem, fit.z[None])[0]
     pieces, first = [], 0
     for part in problem.parts:
@@ -164,15 +163,15 @@ def state_of_problem(problem: Problem, fit: Fit) -> State:
 
 
 def _order(found: tuple[float, Solved]) -> float:
-    """By merit, best first; a line before a wave of time that is the same, because its period came back in the log."""
+    """Negative merit, for sorting; a spectral line precedes an equal wave of time, as its period recurs in the log."""
     merit, one = found
     return -merit - thresholds.LEAST_DIFFERENCE * (one.terms[0].drive == "frequency")
 
 
 def is_gain_too(term: Term, state: State, noise_std: np.ndarray) -> bool:
-    """Whether what follows the orientation is here also what gains do that differ by the sign of each channel's load.
+    """Whether a term of orientation is equivalent to gains that differ by the sign of each channel's load.
 
-    In slow motion a channel's load is the weight along its axis, and either says the same.
+    In slow motion a channel's load is the weight along its axis, so both describe the same.
     """
     if term.drive != "orientation":
         return False
@@ -185,7 +184,7 @@ def is_gain_too(term: Term, state: State, noise_std: np.ndarray) -> bool:
 
 
 def numbers_of(term: Term) -> int:
-    """Free numbers of a term, and the times at which it is switched."""
+    """Number of free parameters of a term, including its switching times."""
     return len(term.coefficients) + len(free_names(term)) + 3 * has_point(term) + times_of(term)
 
 
@@ -194,7 +193,7 @@ def _merit(gain: float, term: Term) -> float:
 
 
 def cancels(term: Term, state: State) -> bool:
-    """Whether parts of a term are far larger than what they do together, as where the motion hardly separates them."""
+    """Whether parts of a term are far larger than their sum, as where the motion hardly separates them."""
     each = columns(np, term, state) * np.asarray(term.coefficients)[None, :, None]
     parts, whole = each.std(0).max(0), each.sum(1).std(0)
     return bool((parts > thresholds.MOST_CANCELLED * whole).any())
@@ -205,7 +204,6 @@ def _worth(term: Term) -> float:
 
 
 def _of_each_drive(ranked: list[Ranked]) -> list[Ranked]:
-    """The best few forms of every drive, best first."""
     found: list[Ranked] = []
     seen: dict[str, dict[tuple[str, ...], int]] = {}
     for one in ranked:

@@ -1,4 +1,4 @@
-"""What stands out in spectra: lines in time, in bins and in single samples, and harmonics of a joint's angle."""
+"""Spectral lines in time, of bins and of individual samples, and harmonics of a joint's angle."""
 
 from collections.abc import Sequence
 
@@ -12,13 +12,13 @@ from ftbias_jax.model.effects.terms.types import State
 
 LINES = 4
 PADDING = 8
-"""Times the length of a log over which its spectrum is taken, so that a line's frequency is known well enough."""
+"""Zero padding: factor by which the transform is longer than the log, so that a line's frequency is resolved."""
 STRIDE = 16 * PADDING
-"""Frequencies from one such median to the next."""
+"""Frequencies between two evaluations of the running median of a spectrum."""
 LOWEST = 2.0
-"""Hz; below, motion has lines of its own in the samples."""
+"""Hz; below, the motion itself has lines in the samples."""
 NEIGHBOURS = 200 * PADDING + 1
-"""Frequencies over which the median of a spectrum is taken."""
+"""Frequencies over which the running median of a spectrum is taken."""
 HIGHEST_MULTIPLE = 120
 
 
@@ -34,7 +34,7 @@ def lines(problem: Problem, error: np.ndarray) -> list[float]:
 
 
 def fast_lines(logs: Sequence[Log], samples: Sequence[SampleFindings]) -> list[float]:
-    """Hz of lines in the single samples of the longest log, strongest first: bins alias those above their own range."""
+    """Hz of lines in the individual samples of the longest log, strongest first; in bins, higher ones are aliased."""
     log, found = max(zip(logs, samples, strict=True), key=lambda pair: float(pair[0].t[-1]))
     rows = np.isfinite(found.clean_wrench).all(1)
     t, wrench = np.asarray(log.t)[rows], found.clean_wrench[rows] / found.noise_std
@@ -48,7 +48,7 @@ def fast_lines(logs: Sequence[Log], samples: Sequence[SampleFindings]) -> list[f
 
 
 def _spectrum(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Hz and power, over all channels, of values (T, 6) at nearly even times (T,) s."""
+    """Hz and power, summed over all channels, of values (T, 6) at nearly even times (T,) s."""
     even = np.linspace(t[0], t[-1], len(t))
     series = np.stack([np.interp(even, t, column) for column in values.T], 1)
     power = (np.abs(np.fft.rfft(series * np.hanning(len(t))[:, None], PADDING * len(t), axis=0)) ** 2).sum(1)
@@ -56,7 +56,7 @@ def _spectrum(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _strongest(frequency: np.ndarray, power: np.ndarray, floor: np.ndarray, lowest: float) -> list[float]:
-    """Hz of the peaks above a frequency that stand out most from the floor."""
+    """Hz of the peaks above a frequency that exceed the floor most."""
     peak = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]) & (frequency[1:-1] > lowest)) + 1
     peak = peak[power[peak] > LEAST_POWER * floor[peak]]
     above = power[peak] / np.maximum(floor[peak], np.finfo(float).tiny)
@@ -64,7 +64,7 @@ def _strongest(frequency: np.ndarray, power: np.ndarray, floor: np.ndarray, lowe
 
 
 def multiples(state: State, error: np.ndarray) -> list[tuple[int, float]]:
-    """(joint, multiple) of the strongest fast harmonics of a joint's angle: cogging, teeth, magnets."""
+    """(joint, multiple) of the strongest fast harmonics of a joint's angle, as of cogging, teeth or magnets."""
     candidates = np.arange(5, HIGHEST_MULTIPLE + 1)
     found = []
     for j in range(state.q.shape[1]):

@@ -1,4 +1,4 @@
-"""What is switched on and off: the times at which that which a fit leaves changes its level, by exact segmentation."""
+"""Switching on and off: times at which the residual of a fit changes its level, by exact segmentation."""
 
 from collections.abc import Collection, Iterator
 from itertools import pairwise, product
@@ -14,37 +14,37 @@ from ftbias_jax.diagnosis.thresholds import HANDOVER, MOST_TIMES
 from ftbias_jax.model.effects.terms.types import State
 
 COARSE = 1024
-"""Stretches of a log between which its level may change: the work grows with their square."""
+"""Number of segments of a log between which its level may change: the effort grows with their square."""
 PRICE = 4.0
-"""Times the logarithm of the number of stretches, a change and channel: four times that of BIC, because drift and
-motion change the level, too; ``alternating`` tells what is switched."""
+"""Penalty per change and channel in logarithms of the number of segments: four times that of BIC, because drift and
+motion change the level, too; ``alternating`` selects what is switched."""
 TOGETHER = 16
-"""Ends of a segmentation that are worked out at once."""
+"""Number of segmentation ends that are computed together."""
 SHARES = (0.3, 0.6)
-"""Of the largest change, from which on a change is one of what is switched."""
+"""Shares of the largest change from which a change counts as switching."""
 REACH = 2
-"""Stretches on either side of a change in which its time is looked for."""
+"""Segments on either side of a change in which its time is searched."""
 
 
 class _Seen(NamedTuple):
-    """What a fit leaves as something that may be switched sees it; its strength does not change while it is on."""
+    """Residual of a fit from the view of something that may be switched, whose strength is constant while it is on."""
 
     name: str
     """"sensor", "force" or "torque" (of the base), or "payload"."""
     suggests: tuple[str, ...]
-    """What else may have the same times."""
+    """Other kinds that may have the same times."""
     axes: np.ndarray
-    """(U, C, k) what a unit of each of its k numbers adds to C channels of the reading."""
+    """(U, C, k) contribution to C channels of the reading per unit of each of its k numbers."""
     left: np.ndarray
-    """(U, C)."""
+    """(U, C) residual."""
     weight: np.ndarray
-    """(U, C) one over the variance; 0 = not measured."""
+    """(U, C) inverse variance; 0 = not measured."""
 
 
 def switches(problem: Problem, state: State, fit: Fit, names: Collection[str]) -> Iterator[tuple[str, np.ndarray]]:
-    """(name of what is switched, times (N,) s at which it goes on and off in turn), as what a fit leaves suggests them.
+    """(name, times (N,) s of switching on and off alternately) that the residual of a fit suggests.
 
-    Of these names alone, and only of single logs: in another one the times are others.
+    Restricted to the given names, and to single logs, because switching times differ between logs.
     """
     if len(problem.parts) > 1:
         return
@@ -55,7 +55,7 @@ def switches(problem: Problem, state: State, fit: Fit, names: Collection[str]) -
         wanted = [name for name in (seen.name, *seen.suggests) if name in names]
         for times in _suggested(state, seen) if wanted else ():
             for name in wanted:
-                # A constant force of the sensor is like a bias: only for others it matters what is on at first.
+                # A constant force in the sensor is equivalent to a bias, so the initial state matters only for others.
                 for own in [times] if name == "sensor" else [times, _inverted(times)]:
                     if 0 < len(own) <= MOST_TIMES and (name, tuple(own)) not in told:
                         told.add((name, tuple(own)))
@@ -63,12 +63,12 @@ def switches(problem: Problem, state: State, fit: Fit, names: Collection[str]) -
 
 
 def _inverted(times: np.ndarray) -> np.ndarray:
-    """Times (N,) s of what is on when the other one is off."""
+    """Times (N,) s of something that is on while the other is off."""
     return times[1:] if times[0] == 0 else np.concatenate([[0.0], times])
 
 
 def _ways(state: State, left: np.ndarray, weight: np.ndarray) -> Iterator[_Seen]:
-    """All ways to see what is left of the reading (U, 6), with one over its variance (U, 6)."""
+    """All views of the residual of the reading (U, 6), with its inverse variance (U, 6)."""
     forces, torques = slice(0, 3), slice(3, 6)
     to_sensor = state.rotation.transpose(0, 2, 1)
     pull = to_sensor @ (state.gravity - state.acceleration)[:, :, None]
@@ -85,11 +85,11 @@ def _suggested(state: State, seen: _Seen) -> Iterator[np.ndarray]:
     square = np.einsum("tc,tck->tk", seen.weight, seen.axes**2)
     weight = sum_of_bins(stretch, square)
     bias = (seen.weight * seen.left).sum(0) / np.maximum(seen.weight.sum(0), 1e-300)
-    # A load is touched while it is handed over: what is brief may be larger than its weight.
+    # A load is touched during its hand-over, so brief forces may exceed its weight.
     brief = int(HANDOVER / state.t[-1] * COARSE) if seen.name == "payload" else 0
 
     def beside(bias: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What is left beside a bias (C,), along the axes, in bins and in stretches, and where its level changes."""
+        """Residual after subtracting a bias (C,), along the axes, in bins and in segments; where its level changes."""
         along = np.einsum("tc,tck->tk", seen.weight * (seen.left - bias), seen.axes)
         x = sum_of_bins(stretch, along) / np.maximum(weight, 1e-300)
         return along, x, changes(x, weight * _whiteness(x, weight))
@@ -101,14 +101,14 @@ def _suggested(state: State, seen: _Seen) -> Iterator[np.ndarray]:
         if len(rows) and tuple(rows) not in tried:
             tried.add(tuple(rows))
             found = _refined(along, square, edges, rows)
-            # Once more, beside the bias that goes with these times.
+            # Repeated with the bias that belongs to these times.
             along_then, x_then, cuts_then = beside(_bias_beside(seen, found))
             rows = _switched_at(x_then, weight, cuts_then, share, shortest)
             yield _times_of(state, _refined(along_then, square, edges, rows) if len(rows) else found)
 
 
 def _switched_at(x: np.ndarray, weight: np.ndarray, cuts: np.ndarray, share: float, shortest: int) -> np.ndarray:
-    """(M,) rows, of those (K,) where the level of series (N, k) changes, before which it goes up and down in turn."""
+    """(M,) of the rows (K,) where the level of series (N, k) changes, before which it rises and falls alternately."""
     cuts = lasting(x, weight, cuts, shortest) if shortest else cuts
     if not len(cuts):
         return cuts
@@ -121,10 +121,10 @@ def _switched_at(x: np.ndarray, weight: np.ndarray, cuts: np.ndarray, share: flo
 def changes(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(K,) rows before which the level of series (N, C) changes: piecewise constant, by penalised least squares.
 
-    Exact by dynamic programming, pruned as PELT does it (Killick, Fearnhead and Eckley, 2012).
+    Exact by dynamic programming with the pruning of PELT (Killick, Fearnhead and Eckley, 2012).
     """
     (n, channels), price = x.shape, PRICE * np.log(max(len(x), 2)) * x.shape[1]
-    # What a level takes of the sum of squares is all in which segmentations differ.
+    # Segmentations differ only by the sum of squares that their levels explain.
     sums = np.zeros((2, channels, n + 1))
     sums[:, :, 1:] = np.cumsum([weight.T, (weight * x).T], 2)
     best, last = np.full(n + 1, -price), np.zeros(n + 1, int)
@@ -147,9 +147,9 @@ def changes(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def lasting(x: np.ndarray, weight: np.ndarray, cuts: np.ndarray, shortest: int) -> np.ndarray:
-    """(L,) of the rows (K,) before which a level changes: of several that enclose fewer rows the one that lasts most.
+    """(L,) of the rows (K,) before which a level changes; of several that enclose few rows, the most lasting change.
 
-    That is where most of the difference comes that there is between the levels before and after them.
+    It is the one that contributes most to the difference of the levels before and after all of them.
     """
     piles = np.split(cuts, np.flatnonzero(np.diff(cuts) >= shortest) + 1) if len(cuts) else []
     ends, kept = [0, *(pile[-1] for pile in piles)], list[int]()
@@ -162,7 +162,7 @@ def lasting(x: np.ndarray, weight: np.ndarray, cuts: np.ndarray, shortest: int) 
 
 
 def alternating(along: np.ndarray, least: float) -> np.ndarray:
-    """(M,) which changes of (K,) are large and go up and down in turn; the largest of several in one direction."""
+    """(M,) indices of the changes (K,) that are large and alternate in sign; the largest of several of one sign."""
     kept: list[int] = []
     for k in np.flatnonzero(np.abs(along) >= least):
         if not kept or along[k] * along[kept[-1]] < 0:
@@ -173,7 +173,7 @@ def alternating(along: np.ndarray, least: float) -> np.ndarray:
 
 
 def _whiteness(x: np.ndarray, weight: np.ndarray) -> float:
-    """The stated variance per what a series scatters from one row to the next, where that is more."""
+    """Ratio of the stated variance to a series' scatter from one row to the next; 1 if the scatter is not larger."""
     variance = 1 / np.maximum(weight, 1e-300)
     scatter = np.median(np.abs(np.diff(x, axis=0)) / np.sqrt(variance[1:] + variance[:-1])) / 0.6745
     return float(1 / max(scatter, 1.0) ** 2)
@@ -185,13 +185,13 @@ def _mean(x: np.ndarray, weight: np.ndarray, first: int, end: int) -> np.ndarray
 
 
 def _refined(along: np.ndarray, square: np.ndarray, edges: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """(M,) bins, with a fraction, in which the changes happen: by how much of either level is near them.
+    """(M,) fractional bins in which the changes happen, by how much of either level is found near them.
 
     Args:
-        along: (U, n) weighted products of what is left with the axes.
+        along: (U, n) weighted products of the residual with the axes.
         square: (U, n) weights of their levels.
-        edges: (N + 1,) first bins of the stretches.
-        rows: (M,) stretches before which the level changes.
+        edges: (N + 1,) first bins of the segments.
+        rows: (M,) segments before which the level changes.
     """
     x = along / np.maximum(square, 1e-300)
 
@@ -209,7 +209,7 @@ def _refined(along: np.ndarray, square: np.ndarray, edges: np.ndarray, rows: np.
 
 
 def _bias_beside(seen: _Seen, at: np.ndarray) -> np.ndarray:
-    """(C,) N, Nm: the bias beside what is switched at bins (M,), by least squares."""
+    """(C,) N, Nm: bias fitted together with a switching at bins (M,), by least squares."""
     gate: np.ndarray = np.searchsorted(at, np.arange(len(seen.left)), side="right") % 2
     count = seen.left.shape[1]
     columns = np.concatenate(
@@ -222,7 +222,7 @@ def _bias_beside(seen: _Seen, at: np.ndarray) -> np.ndarray:
 
 
 def _times_of(state: State, bins: np.ndarray) -> np.ndarray:
-    """(M,) s at which bins, with fractions, begin: means of samples are in the middle of theirs."""
+    """(M,) s at which fractional bins begin, because bins' times are the middle of their samples."""
     half = float(np.median(np.diff(state.t))) / 2
     edges = np.append(state.t - half, state.t[-1] + half)
     return np.maximum(np.interp(bins, np.arange(len(edges)), edges), 0.0)

@@ -1,8 +1,8 @@
-"""A bias that wanders more than the setup states: what is left of the gap is slow, and follows nothing.
+"""Bias that wanders more than the setup states: the rest of the gap is slow and follows no drive.
 
-How much it wanders is the density sigma_Q of maximum likelihood, axis by axis, of the bias filter on what a fit leaves.
-A bias that may wander takes in whatever is slow. But what follows a motion comes back with it, while white noise that
-is integrated twice goes the further the longer the log is: what does not go as far as its density says is no bias.
+Its size is the noise density sigma_Q of maximum likelihood, axis by axis, of the bias filter on the residual of a fit.
+A wandering bias absorbs whatever is slow. But what follows a motion returns with it, whereas integrated white noise (a
+double integral) departs ever further with time: what departs less than its density predicts is no bias.
 """
 
 from typing import Any, NamedTuple
@@ -20,31 +20,31 @@ from ftbias_jax.filtering.noise.wander import departures, goes_far, most_likely
 from ftbias_jax.types import AXES, AXIS_UNITS
 
 FACTORS = 2.0 ** np.arange(20)
-"""Densities that are tried, in those that are stated."""
+"""Candidate densities, as multiples of the stated ones."""
 LEAST_DENSITY = 1e-5
-"""1/s^1.5: the same in standard deviations of a sample, where less or nothing is stated."""
+"""1/s^1.5: smallest reference density in standard deviations of a sample, where less or nothing is stated."""
 ROUNDS = 4
-"""Of the density, and of the effects' numbers that are most likely with it."""
+"""Alternating estimates of the density and of the effects' parameters."""
 
 
 class Wander(NamedTuple):
-    """How much the bias wanders beside a fit."""
+    """Noise density of the bias drift beside a fit."""
 
     density: np.ndarray
-    """(6,) N/s^1.5, Nm/s^1.5; as stated on axes that show no more."""
+    """(6,) N/s^1.5, Nm/s^1.5; as stated on axes without an increase."""
     stderr: np.ndarray
-    """(6,); 0 on these."""
+    """(6,) standard error; 0 on these axes."""
     stated: np.ndarray
-    """(6,)."""
+    """(6,) stated density."""
     nats: float
-    """Over the fit with the stated density, less the price of the numbers."""
+    """Gain over the fit with the stated density, after the penalty for the parameters."""
     nats_stderr: float
 
 
 def wander_of(problem: Problem, found: Fit) -> Wander | None:
-    """How much the bias wanders if it makes what a fit leaves; None if that is not surely more than stated.
+    """Density of a wandering bias that explains the residual of a fit; None if not certainly above the stated one.
 
-    With another density other numbers of the same effects are the most likely, and leave another bias.
+    With another density, other parameters of the same effects are likeliest and leave another bias.
     """
     if any(part.wrench.jump is not None for part in problem.parts):
         return None
@@ -72,20 +72,20 @@ def wander_of(problem: Problem, found: Fit) -> Wander | None:
 
 
 def _left(problem: Problem, found: Fit) -> list[np.ndarray]:
-    """What a fit leaves of each log, (U, 6) N, Nm: bias and noise; NaN = not measured."""
+    """Residual of a fit for each log, (U, 6) N, Nm: bias and noise; NaN = not measured."""
     ends = np.cumsum([part.used for part in problem.parts])[:-1]
     pairs = zip(problem.parts, np.split(predicted(problem, found), ends), strict=True)
     return [reading - np.asarray(part.wrench.wrench)[: part.used] for part, reading in pairs]
 
 
 def _nats(problem: Problem, left: list[np.ndarray], densities: np.ndarray) -> np.ndarray:
-    """(U, G, 6) nats of every bin of what is left of the logs, with G densities (G, 6)."""
+    """(U, G, 6) log-likelihood in nats of every bin of the residual, for G densities (G, 6)."""
     pairs = zip(problem.parts, left, strict=True)
     return np.concatenate([_of_log(part, y, densities) for part, y in pairs])
 
 
 def _of_log(part: Part, left: np.ndarray, densities: np.ndarray) -> np.ndarray:
-    """The same of one log: the bias filter with all densities side by side."""
+    """Log-likelihood of one log: the bias filter with all densities side by side."""
     wrench, count = part.wrench, len(densities)
     y, variance = (np.asarray(x)[: part.used] for x in (wrench.wrench, wrench.variance))
     prior = np.tile(np.asarray(wrench.prior_std).reshape(2, 6), count).ravel()
@@ -103,18 +103,18 @@ def _of_log(part: Part, left: np.ndarray, densities: np.ndarray) -> np.ndarray:
 
 
 def _octaves(nats: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The octave (6,) of the likeliest factor, its standard error, and where it earns its price.
+    """Octave (6,) of the likeliest factor, its standard error, and whether the gain is worth the penalty.
 
-    By nats (U, 1 + factors, 6), the first of which are with what is stated.
+    From nats (U, 1 + factors, 6), the first of which belong to the stated density.
     """
     stated, *tried = nats.sum(0)
     return *most_likely(np.array(tried)), np.max(tried, 0) - stated > thresholds.NATS_PER_DEGREE
 
 
 def _went(problem: Problem, left: list[np.ndarray], density: np.ndarray) -> np.ndarray:
-    """How far the bias went (6,) from a straight line, mean square per that of one that wanders with this density.
+    """Mean square departure (6,) of the bias from a straight line, relative to that expected with this density.
 
-    Noise of samples and errors of the joints average out in means of blocks.
+    Noise of samples and errors of the joints average out in the means of blocks.
     """
     seen, expected = np.zeros((2, 6))
     for part, y in zip(problem.parts, left, strict=True):
@@ -130,13 +130,13 @@ def _went(problem: Problem, left: list[np.ndarray], density: np.ndarray) -> np.n
 
 
 def is_all(wander: Wander, problem: Problem, nominal: Fit, accepted: Fit, hold_out: Judge) -> bool:
-    """Whether no term gains much beside a fit of the problem with the bias that wanders."""
+    """Whether no term gains much in addition to a fit of the problem with the wandering bias."""
     best = Search(problem, nominal, hold_out).best(accepted)
     return not best or best[0][0] < max(thresholds.LEAST_GAIN, thresholds.NEARLY * wander.nats)
 
 
 def told(wander: Wander, duration: float, share: float) -> FoundTerm:
-    """The term as which a bias that wanders is told, in logs of so many s, with its share of the gap."""
+    """Term by which a wandering bias is reported, for logs of this duration in s, with its share of the gap."""
     more = wander.stderr > 0
     most = int(np.argmax(np.where(more, wander.density / np.maximum(wander.stated, 1e-300), 0)))
     axes = "all axes" if more.all() else ", ".join(name for name, marked in zip(AXES, more, strict=True) if marked)

@@ -1,1 +1,1 @@
-"""The same filters, faster: each proven equal to the reference step by a test."""
+"""Faster implementations of the filters, each shown equal to the reference step by a test."""

@@ -1,9 +1,9 @@
-"""One sample of many small Kalman filters at once; its adjoint is in kalman_step_back.py.
+"""One sample of many small Kalman filters together; its adjoint is in kalman_step_back.py.
 
 States have two or three entries, of which the first m are measured with independent noise: a joint (position, velocity,
 acceleration) or one axis of the bias (bias, drift). Entries of the small matrices are separate arrays over a batch
 (joints, axes, logs), so a step is a few vectorised operations instead of many small matrix products; measured entries
-are taken one at a time, which is exact for independent noise.
+are processed one at a time, which is exact for independent noise.
 """
 
 import math
@@ -27,16 +27,16 @@ class Tape(NamedTuple):
     column: Rows
     """For each measured entry j: column P[:, j] before its correction."""
     weight: Vector
-    """1 / s of each measured entry, 0 where missing."""
+    """Inverse innovation variance 1 / s of each measured entry, 0 where missing."""
     innovation: Vector
-    """Of each measured entry given those before it, 0 where missing."""
+    """Innovation of each measured entry given the entries before it, 0 where missing."""
     lost: Array
-    """Whether the filter started again."""
+    """Whether the filter restarted."""
     before: Any = ()
-    """State before the step and the upper triangle of its covariance, for a transition that has parameters; the scan
-    fills it in, for the forward pass has it already."""
+    """State before the step and the upper triangle of its covariance, for a transition that has parameters; filled in
+    by the scan, because the forward pass already has it."""
     grown: Array | None = None
-    """By which share the gate made the variance of the bias larger; None = there is no gate."""
+    """Relative growth of the bias variance by the gate; None = there is no gate."""
 
 
 class Step(NamedTuple):
@@ -45,7 +45,7 @@ class Step(NamedTuple):
     mean: Vector
     covariance: Rows
     prediction: Vector
-    """Of the measured entries."""
+    """Prediction of the measured entries."""
     prediction_variance: Vector
     record: Tape
 
@@ -59,9 +59,9 @@ def filter_step(
     y: Vector,
     variance: Vector,
 ) -> Step:
-    """Predict, start again where too little is known, correct by one measured entry after the other.
+    """Predict, restart where too little is known, and correct by one measured entry after the other.
 
-    For a ``Gated`` model the lanes are the axes of one sensor, one of which may close the gate for all.
+    For a ``Gated`` model the lanes are the axes of one sensor, any of which may close the gate for all.
     """
     k, m = len(state[0]), len(y)
     moved = compile_whole(partial(_move, model))(density, state[0], upper(state[1]), dt)
@@ -83,14 +83,14 @@ def filter_step(
 
 
 def screen(gate: float, x: Vector, P: Rows, dt: Array, y: Array, r: Array) -> tuple[Rows, Array, Array]:
-    """The gate of ``bias_filter.step`` for lanes: the covariance, the measurement, and the share by which P_bb grew.
+    """Gate of ``bias_filter.step`` over lanes: covariance, measurement, and the relative growth of P_bb.
 
-    What is off its prediction is left out, and the bias forgotten meanwhile.
+    A measurement that is off its prediction is left out, and the bias is forgotten meanwhile.
     """
-    off = jnp.abs(y - x[0]) > gate * jnp.sqrt(P[0][0] + r)  # never where nothing was measured
+    off = jnp.abs(y - x[0]) > gate * jnp.sqrt(P[0][0] + r)  # false where nothing was measured
     closed = jnp.broadcast_to(off.any(-1, keepdims=True), off.shape)
     grown = jnp.where(closed, jnp.expm1(2 * dt / FORGET), 0)
-    # The first state is the bias plus the correlated noise, if there is any, and the third the noise.
+    # The first state is the bias plus the correlated noise, if there is any; the third is the noise.
     of_bias = P[0][0] if len(P) == 2 else P[0][0] - 2 * P[0][2] + P[2][2]
     P = [[P[0][0] + grown * of_bias, *P[0][1:]], *P[1:]]
     return P, jnp.where(closed, jnp.nan, y), grown
@@ -103,7 +103,7 @@ def nis_of(record: Tape) -> Array:
 
 
 def density_of(record: Tape) -> Array:
-    """Product of 1 / (2 pi s) over the measured entries: the square of the density of the innovation at zero."""
+    """Product of 1 / (2 pi s) over the measured entries: the squared density of the innovation at zero."""
     factors = [jnp.where(w > 0, w / (2 * math.pi), 1) for w in record.weight]
     return math.prod(factors[1:], start=factors[0])
 
@@ -111,19 +111,19 @@ def density_of(record: Tape) -> Array:
 def predict(
     model: ProcessModel, density: Array, restart: Vector, state: tuple[Vector, Rows], dt: Array
 ) -> tuple[Vector, Rows, Array]:
-    """The state before the sample's correction, dt s after the one given, and whether the filter started again."""
+    """State before the sample's correction, dt s after the given one, and whether the filter restarted."""
     x, triangle, lost = _start_again(restart, state[0], *_move(model, density, state[0], upper(state[1]), dt))
     return x, from_upper(len(x), triangle), lost
 
 
 def _move(model: ProcessModel, density: Any, x: Vector, triangle: Vector, dt: Array) -> tuple[Vector, Vector]:
-    """x -> A x, P -> A P A^T + Q, of P the upper triangle."""
+    """x -> A x, P -> A P A^T + Q, with P as its upper triangle."""
     A, Q = model(dt, density)
     return times(A, x), upper(plus(congruence(A, from_upper(len(x), triangle)), Q))
 
 
 def _start_again(restart: Vector, before: Vector, x: Vector, triangle: Vector) -> tuple[Vector, Vector, Array]:
-    """The prediction, or where it knows less than a new start, the position before at rest; and where that is."""
+    """The prediction, or the previous position at rest where that is less certain than a restart; and where it is."""
     k = len(x)
     P = from_upper(k, triangle)
     lost = (P[0][0] > restart[0]) & (P[1][1] > restart[1])
@@ -132,7 +132,7 @@ def _start_again(restart: Vector, before: Vector, x: Vector, triangle: Vector) -
 
 
 def _correct(j: int, x: Vector, triangle: Vector, measurement: Array, r: Array) -> tuple[Vector, Vector, Array, Array]:
-    """The state after the correction by entry j; 1 / s and the innovation, 0 where missing."""
+    """State after the correction by entry j; 1 / s and the innovation, 0 where missing."""
     P = from_upper(len(x), triangle)
     measured = jnp.isfinite(measurement)
     weight = jnp.where(measured, 1 / (P[j][j] + r), 0)

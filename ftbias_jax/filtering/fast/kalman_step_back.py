@@ -27,7 +27,7 @@ from ftbias_jax.runtime.lanes import (
 
 
 class Cotangent(NamedTuple):
-    """Of what is reported of one sample, entries kept apart; None = zero, which costs nothing.
+    """Cotangents of what is reported for one sample, entries kept apart; None = zero, which costs nothing.
 
     Derivatives with respect to a covariance are those with respect to the entries of a symmetric matrix, and are kept
     as its upper triangle.
@@ -51,12 +51,12 @@ class Slopes(NamedTuple):
 
 
 def step_back(model: ProcessModel, density: Any, dt: Array, record: Tape, bar: Cotangent, state: Packed) -> Slopes:
-    """Adjoint of ``filter_step``, by the record that it kept of the sample.
+    """Adjoint of ``filter_step``, from the record that it kept of the sample.
 
-    Of derivatives with respect to what is reported of the sample (``bar``), and with respect to the state after it,
-    through later samples.
+    ``bar`` holds the derivatives with respect to what is reported for the sample; ``state`` those with respect to the
+    state after it, through later samples.
     """
-    # x and the triangle of P: dL/dmean and dL/dcovariance, after the sample's correction, then before it.
+    # x and the triangle hold dL/dmean and dL/dcovariance, after the sample's correction, then before it.
     if bar.state is not None:
         state = total(state[0], bar.state[0]), total(state[1], bar.state[1])
     (x, triangle), y, variance = _before_corrections(record, bar, *state)
@@ -75,7 +75,7 @@ def _before_corrections(record: Tape, bar: Cotangent, x: Vector, triangle: Vecto
     for j in reversed(range(m)):
         correction = (record.column[j], record.weight[j], record.innovation[j], bar.log_likelihood, bar.nis)
         x, triangle, y[j], variance[j] = compile_whole(partial(_before_correction, j))(*correction, x, triangle)
-    # The innovations that are reported are all taken from the prediction.
+    # All reported innovations are relative to the prediction, before any correction of the sample.
     if bar.innovation is not None:
         for j, (weight, slope) in enumerate(zip(record.weight, bar.innovation, strict=True)):
             seen = jnp.where(weight > 0, slope, 0)
@@ -91,7 +91,7 @@ def _before_corrections(record: Tape, bar: Cotangent, x: Vector, triangle: Vecto
 def _before_correction(
     j: int, p: Vector, w: Array, v: Array, log_bar: Array, nis_bar: Array | None, x: Vector, triangle: Vector
 ) -> tuple[Vector, Vector, Array, Array]:
-    """Adjoint of one correction: p = P[:, j], w = 1 / s and v its innovation, x and triangle the slopes after it."""
+    """Adjoint of one correction: p = P[:, j], w = 1 / s, v its innovation; x and triangle: the derivatives after it."""
     P = from_upper(len(x), triangle)
     Pp, px = times(P, p), dot(p, x)
     pulled = v * w
@@ -121,7 +121,7 @@ def _before_growth(k: int, triangle: Vector, grown: Array) -> Vector:
 def _before_prediction(
     model: ProcessModel, density: Any, dt: Array, lost: Array, before: Any, x: Vector, triangle: Vector
 ) -> tuple[Packed, Any, Vector]:
-    """Adjoint of the prediction; derivatives with respect to the density and to what a filter starts again from."""
+    """Adjoint of the prediction; derivatives with respect to the density and to the variances of a restart."""
     k = len(x)
     P = from_upper(k, triangle)
     restart = [jnp.where(lost, P[a][a], 0) for a in range(k)]
@@ -142,7 +142,7 @@ def _by_strength(
 ) -> tuple[Table, Any]:
     """A, and the derivatives with respect to the strength of a process whose transition depends on it.
 
-    With the slopes x and P after the prediction: dL/dA = x x_before^T + 2 P A P_before, dL/dQ = P.
+    With the derivatives x and P after the prediction: dL/dA = x x_before^T + 2 P A P_before, dL/dQ = P.
     """
     k = len(x)
     x_before, P_before = list(before[:k]), from_upper(k, list(before[k:]))

@@ -1,7 +1,7 @@
-"""The likelihood of a log in chunks of time, of which nothing remains but two sums and the state after each.
+"""Log-likelihood of a log in chunks of time, keeping only two sums and the state after each chunk.
 
-The reverse pass starts from those states: it works out every chunk again, with all that its slopes need, while the
-chunk is in the processor's cache. So the memory it takes is that of one chunk, whatever the length of the log.
+The reverse pass starts from those states: it recomputes every chunk, with all that its derivatives need, while the
+chunk is in the processor's cache. So its memory is that of one chunk, whatever the length of the log.
 """
 
 from functools import partial
@@ -22,19 +22,19 @@ from ftbias_jax.runtime.compiled_loops import log_by_log_with_slopes
 from ftbias_jax.types import Sample
 
 CHUNK = 512
-"""Samples that pass through all stages together, and are worked out again together."""
+"""Samples that pass through all stages together and are recomputed together."""
 WRENCH = "wrench of the tool"
-"""What the reverse pass does not work out again: it costs as much as the filters."""
+"""Name of the value that the reverse pass does not recompute, because it costs as much as the filters."""
 
 Nats = tuple[Array, Array]
-"""() of the joints, () of the wrench."""
+"""Log-likelihoods of the joints () and of the wrench (), nats."""
 
 
 @partial(jax.jit, static_argnames="options")
 def log_likelihoods(
     params: Params, state: State, samples: Sample, weight: Float[Array, " T"], options: Options
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Sums of the likelihood's increments, of joints and of wrench, with a weight for every sample."""
+    """Weighted sums of the log-likelihood increments of joints and of wrench, with a weight for every sample."""
     return log_by_log_with_slopes(partial(_of_log, options))(params, state, samples, weight)
 
 
@@ -59,13 +59,13 @@ def _of_log(options: Options, params: Params, state: State, samples: Sample, wei
 
 
 def is_there(samples: Sample) -> Array:
-    """Whether time passes or anything is measured: a chunk for which neither holds is padding."""
+    """Whether time passes or anything is measured: a chunk for which neither is true is padding."""
     measured = [jnp.isfinite(x).any() for x in (samples.q, samples.dq, samples.wrench)]
     return jnp.stack([(samples.dt != 0).any(), *measured]).any()
 
 
 def _of_chunk(options: Options, params: Params, state: State, chunk: tuple[Sample, Array]) -> tuple[State, Nats]:
-    """All stages over a chunk: ``stages.run`` without what it would report of every sample."""
+    """All stages over a chunk: ``stages.run`` without its output for every sample."""
     samples, weight = chunk
     joint = filter_sums(
         JOINT_MODELS[options.joint_model], True, stages.joint_inputs(params.joint, state.joint, samples), weight

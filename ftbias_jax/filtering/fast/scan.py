@@ -2,8 +2,8 @@
 
 It computes what ``gaussian.predict`` and ``gaussian.update`` compute for the filters of kalman_step.py, in one loop
 that is compiled as a whole (compiled_loops.py). The reverse pass is the adjoint of the filter. For the log-likelihood
-it is the Bryson-Frazier smoother (Bierman 1973): with L the log-likelihood of the present and future,
-x_smooth = x_pred + P_pred dL/dx_pred. So gradients cost about as much as the filter, and smoothing is the same pass.
+it is the Bryson-Frazier smoother (Bierman 1973): with L the log-likelihood of present and future, x_smooth = x_pred +
+P_pred dL/dx_pred. So gradients cost about as much as the filter, and smoothing is the same pass.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from ftbias_jax.runtime.lanes import Vector, from_upper, upper
 
 
 class Inputs(NamedTuple):
-    """What the filters see. k = states, m = measured entries (the first m), B = batch of independent filters."""
+    """Inputs of the filters. k = states, m = measured entries (the first m), B = batch of independent filters."""
 
     dt: Float[Array, " T"]
     """(T,) s since the previous sample. Data: its gradient is reported as zero."""
@@ -38,9 +38,9 @@ class Inputs(NamedTuple):
     """(k, B) state before the first sample."""
     covariance: Float[Array, "k k B"]
     restart_variance: Float[Array, "k B"]
-    """(k, B) a filter that knows its first two entries less well starts again from this, at rest; inf = never."""
+    """(k, B) a filter whose first two entries are less certain restarts with these variances, at rest; inf = never."""
     drive: Any = None
-    """Fields of a ``BiasStrength`` that differ from sample to sample, by name, (T, B) each; None = none does."""
+    """Fields of a ``BiasStrength`` that differ from sample to sample, by name, (T, B) each; None = none."""
 
 
 class Track(NamedTuple):
@@ -74,12 +74,12 @@ class States(NamedTuple):
     """k (k + 1) / 2 arrays (T, B): the upper triangle of the covariance, row by row."""
 
     def stacked(self) -> Smoothed:
-        """The same as arrays."""
+        """The states as arrays."""
         return Smoothed(jnp.stack(self.mean, 1), _matrix(self.triangle, len(self.mean), 1))
 
 
 class Sums(NamedTuple):
-    """What a run comes to."""
+    """Log-likelihood and final state of a run."""
 
     nats: Float[Array, " B"]
     """(B,) weighted sum of the likelihood's increments."""
@@ -88,11 +88,11 @@ class Sums(NamedTuple):
     covariance: Float[Array, "k k B"]
     """(k, k, B) after the last sample."""
     states: States | None
-    """Filtered states of every sample, where they are asked for."""
+    """Filtered states of every sample, if requested."""
 
 
 class Kept(NamedTuple):
-    """What is stored of every sample: writing it costs more than working it out."""
+    """What is stored for every sample: writing it costs more than computing it."""
 
     states: bool
     innovations: bool
@@ -118,10 +118,10 @@ def filter_scan(model: ProcessModel, inputs: Inputs) -> Track:
 
 
 def filter_sums(model: ProcessModel, keep: bool, inputs: Inputs, weight: Float[Array, " T"]) -> Sums:
-    """The same where only sums are asked for, with weights of the samples' likelihood, and with ``keep`` states."""
+    """Run the filters for weighted sums of the samples' log-likelihood only; with ``keep``, the states too."""
     run = _filtered(model, Kept(states=keep, innovations=False), inputs)
     mean, triangle = run.last
-    # An accelerator would round the factors of a matrix product to fewer digits.
+    # An accelerator would otherwise round the factors of a matrix product to fewer digits.
     nats = jnp.matmul(weight, run.log_likelihood, precision="highest")
     states = None if run.states is None else States(*run.states)
     return Sums(nats, jnp.stack(mean), _matrix(triangle, len(mean), 0), states)
@@ -138,11 +138,11 @@ def innovations(model: ProcessModel, inputs: Inputs) -> tuple[Float[Array, "T m 
 
 
 def _loop(model: ProcessModel, keep: Callable[[Step], Any]) -> Callable[[Inputs], Any]:
-    """The loop over the samples: the last state, and what is kept of every step."""
+    """Loop over the samples: returns the last state and what is kept of every step."""
 
     @compile_whole
     def loop(inputs: Inputs) -> Any:
-        # Taken apart before the loop, or every step would do so again.
+        # Split before the loop, because otherwise every step would split them again.
         restart, start = list(inputs.restart_variance), _start(inputs)
 
         def body(state: Packed, sample: tuple[Array, Vector, Vector, Any]) -> tuple[Packed, Any]:
@@ -163,7 +163,7 @@ def _filtered(model: ProcessModel, kept: Kept, inputs: Inputs) -> _Run:
 
 
 def _run(model: ProcessModel, kept: Kept, for_reverse: bool, inputs: Inputs) -> tuple[_Run, Tape | None]:
-    """The recursion, and the record of every step where the reverse pass is to follow."""
+    """The recursion, with the record of every step if the reverse pass follows."""
 
     def keep(step: Step) -> Any:
         record = step.record
@@ -174,17 +174,17 @@ def _run(model: ProcessModel, kept: Kept, for_reverse: bool, inputs: Inputs) -> 
     last, (density, nis, states, predicted, record) = one_at_a_time(_loop(model, keep))(inputs)
     innovation = variance = None
     if predicted is not None:
-        # What the gate left out has an innovation of 0, like what is missing.
+        # A sample rejected by the gate has an innovation of 0, like a missing one.
         innovation = [
             jnp.where(w > 0, inputs.y[:, j] - y, 0) for j, (y, _, w) in enumerate(zip(*predicted, strict=True))
         ]
         variance = [spread + inputs.variance[:, j] for j, spread in enumerate(predicted[1])]
-    # In the loop a logarithm would cost as much as all the rest of a step; here it is worked out for many samples.
+    # Inside the loop a logarithm would cost as much as the rest of a step; here it is computed for many samples.
     return _Run(last, (jnp.log(density) - nis) / 2, nis, states, innovation, variance), record
 
 
 Residual = tuple[Array, Any, Any, Tape]
-"""dt, density, drive and the record of every step: all that the reverse pass reads, for it is written and read once."""
+"""dt, density, drive and the record of every step: only what the reverse pass reads, each written and read once."""
 
 
 def _forward(model: ProcessModel, kept: Kept, inputs: Inputs) -> tuple[_Run, Residual]:
@@ -225,7 +225,7 @@ def _backward(model: ProcessModel, kept: Kept, residual: Residual, bar: _Run) ->
 
         return jax.lax.scan(body, start, samples, reverse=True)
 
-    # XLA aborts on this loop as one marked call if it is mapped and the state before each sample is an argument.
+    # XLA aborts on this loop as one marked call under vmap if the state before each sample is an argument.
     compiled = loop if isinstance(density, tuple) else one_at_a_time(compile_whole(loop))
     (state, density_bar, restart), (y, variance, drive_bar) = compiled(density, last, (dt, drive, record, bars))
     prior = jnp.stack(state[0]), _matrix(state[1], k, 0)
@@ -247,14 +247,14 @@ def _unless_zero(bars: Any, like: Array) -> Any:
 
 
 def _slopes_of_entries(k: int, bars: Any, like: Array) -> Packed:
-    """From slopes of an upper triangle to those of the symmetric matrix, which has each twice beside its diagonal."""
+    """From derivatives of an upper triangle to those of the symmetric matrix, which has off-diagonal entries twice."""
     mean, triangle = jax.tree.map(partial(_made, like=like), bars)
     places = [(a, b) for a in range(k) for b in range(a, k)]
     return mean, [x if a == b else x / 2 for (a, b), x in zip(places, triangle, strict=True)]
 
 
 def _start(inputs: Inputs) -> Packed:
-    """The state before the first sample."""
+    """State before the first sample."""
     return list(inputs.mean), upper([list(row) for row in inputs.covariance])
 
 
@@ -275,5 +275,5 @@ def entries(x: Array) -> Vector:
 
 
 def _matrix(triangle: Vector, k: int, axis: int) -> Array:
-    """Entries of the upper triangle -> a matrix, whose rows and columns are axes after the first ``axis``."""
+    """Entries of the upper triangle -> a matrix whose rows and columns are axes after the first ``axis``."""
     return jnp.stack([jnp.stack(row, axis) for row in from_upper(k, triangle)], axis)

@@ -1,4 +1,4 @@
-"""The pipeline in three stages: all joints in one scan, kinematics over many samples at once, six axes in one scan.
+"""The pipeline in three stages: all joints in one scan, kinematics of many samples together, six axes in one scan.
 
 The fast route of ``pipeline.run``: equal to a scan of single steps to round-off. The axes of the bias filter are
 independent: B Sigma_D B^T is diagonal when Sigma_D is, because the columns of B are multiples of unit vectors. The
@@ -29,18 +29,18 @@ from ftbias_jax.runtime.compiled_loops import log_by_log_with_slopes, on_cpu
 from ftbias_jax.types import Gaussian, Sample
 
 PIECE_SAMPLES = 1024
-"""Samples that pass through all stages together: what goes from one stage to the next stays in the cache."""
+"""Samples that pass through all stages together, so that what goes from one stage to the next stays in the cache."""
 
 
 class Staged(NamedTuple):
     """The pipeline at every sample."""
 
     joint: Track
-    """Of the joints: states (T, 3, n)."""
+    """Track of the joints: states (T, 3, n)."""
     wrench: Track
-    """Of the axes of the bias: states (bias, drift) (T, 2, 6)."""
+    """Track of the axes of the bias: states (bias, drift) (T, 2, 6)."""
     wrench_tool: Float[Array, "T 6"]
-    """(T, 6) D theta, N and Nm, sensor frame; with the known effects, if there are any."""
+    """(T, 6) D theta, N and Nm, sensor frame, including the known effects, if there are any."""
 
 
 @partial(jax.jit, static_argnames="options")
@@ -70,7 +70,7 @@ def _run_log(options: Options, params: Params, state: State, samples: Sample) ->
 def _run_stages(
     params: Params, options: Options, state: State, chunk: tuple[Sample, int | Array]
 ) -> tuple[State, Staged]:
-    """All stages over a chunk whose first samples, so many, are of the log."""
+    """All stages over a chunk, of which the first ``measured`` samples belong to the log."""
     samples, measured = chunk
     joint = filter_scan(JOINT_MODELS[options.joint_model], joint_inputs(params.joint, state.joint, samples))
     wrench_tool, variance = predict_wrenches(params, joint, samples, options)
@@ -83,7 +83,7 @@ def _run_stages(
 
 
 def joint_inputs(noise: JointNoise, start: Gaussian, samples: Sample) -> Inputs:
-    """The joint filters as a recursion: n filters of three states and two measurements."""
+    """Inputs of the joint filters as a recursion: n filters of three states and two measurements."""
     y = jnp.stack([samples.q, samples.dq], 1)
     variance = jnp.stack([noise.position_std, noise.velocity_std]) ** 2
     restart = jnp.broadcast_to((noise.prior_std**2)[:, None], (3, y.shape[2]))
@@ -92,7 +92,7 @@ def joint_inputs(noise: JointNoise, start: Gaussian, samples: Sample) -> Inputs:
 
 
 def gated(inputs: Inputs, options: Options) -> ProcessModel:
-    """The process of the bias for these inputs, with the gate if there is one."""
+    """Process model of the bias for these inputs, with the gate if there is one."""
     model = bias_model(inputs.density)
     return model if options.gate is None else Gated(model, options.gate)
 
@@ -105,24 +105,24 @@ def bias_inputs(
     variance: Float[Array, "T 6"],
     velocity: Float[Array, "T n"] | None = None,
 ) -> Inputs:
-    """The bias filter as a recursion: six filters of two states and one measurement, y = D theta - W.
+    """Inputs of the bias filter as a recursion: six filters of two states and one measurement, y = D theta - W.
 
-    With correlated noise three states, (bias + noise, drift, noise), see ``process_models.correlated_bias``. The
-    variance is the diagonal of R, and the velocity rad/s of the joints, needed where vibration is correlated.
+    With correlated noise there are three states, (bias + noise, drift, noise), see ``process_models.correlated_bias``.
+    The variance is the diagonal of R; the joint velocity, rad/s, is needed where vibration is correlated.
     """
     density, drive = bias_filter.driving(params, samples.rezeroed, velocity)
     y = (wrench_tool - samples.wrench)[:, None]
     axis, k = jnp.arange(6), state.bias.mean.shape[0] // 6
-    blocks = state.bias.covariance.reshape(k, 6, k, 6)[:, axis, :, axis]  # (6, k, k): axes do not mix
+    blocks = state.bias.covariance.reshape(k, 6, k, 6)[:, axis, :, axis]  # (6, k, k): axes are independent
     never = jnp.full((k, 6), jnp.inf, y.dtype)
     mean, covariance = add_noise(state.bias.mean.reshape(k, 6), jnp.moveaxis(blocks, 0, -1), 1)
     return Inputs(samples.dt, density, y, variance[:, None], mean, covariance, never, drive)
 
 
 def add_noise(mean: Array, covariance: Array, sign: float) -> tuple[Array, Array]:
-    """States of the bias with the correlated noise added to the bias (sign 1), or taken off it again (sign -1).
+    """States of the bias with the correlated noise added to the bias (sign 1) or subtracted again (sign -1).
 
-    The mean is (..., k, 6), and with k = 2 there is no such noise.
+    The mean is (..., k, 6); with k = 2 there is no such noise.
     """
     if mean.shape[-2] == 2:
         return mean, covariance
@@ -131,16 +131,16 @@ def add_noise(mean: Array, covariance: Array, sign: float) -> tuple[Array, Array
 
 
 def joint_states(track: Track | Smoothed) -> Gaussian:
-    """States of the joints with the axes in the pipeline's order: mean (..., n, 3), covariance (..., n, 3, 3)."""
+    """States of the joints with axes in the pipeline's order: mean (..., n, 3), covariance (..., n, 3, 3)."""
     return Gaussian(jnp.swapaxes(track.mean, -2, -1), jnp.moveaxis(track.covariance, -1, -3))
 
 
 def predict_wrenches(
     params: Params, joints: Gaussian | Track | Smoothed | States, samples: Sample, options: Options
 ) -> tuple[Float[Array, "T 6"], Float[Array, "T 6"]]:
-    """What the sensor should read without bias and noise (T, 6), D theta without effects, and the diagonal of R (T, 6).
+    """Expected reading without bias and noise (T, 6), D theta if there are no effects, and the diagonal of R (T, 6).
 
-    The states of the joints have a leading axis T: axes in the pipeline's order, as in a track, or entries apart.
+    Joint states have a leading axis T, with axes in the pipeline's order, as in a track, or with entries apart.
     """
     if isinstance(joints, Gaussian):
         joints = Smoothed(jnp.swapaxes(joints.mean, 1, 2), jnp.moveaxis(joints.covariance, 1, -1))
@@ -165,7 +165,7 @@ def predict_wrenches(
 
 
 def _wrenches_of_joints(params: Params, joints: Track | Smoothed | States, known_exactly: bool) -> tuple[Array, Array]:
-    """D theta (T, 6) N, Nm, sensor frame, and what the joints' uncertainty adds to its variance (T, 6)."""
+    """D theta (T, 6) N, Nm, sensor frame, and the variance (T, 6) that the joints' uncertainty adds to it."""
     if isinstance(params.arm, FreeBody):
         states = joint_states(joints.stacked() if isinstance(joints, States) else joints)
         return jax.vmap(partial(_of_free_body, params, known_exactly))(*states)
@@ -188,12 +188,12 @@ def _of_free_body(params: Params, known_exactly: bool, mean: Array, covariance: 
 
 
 def predict_readings(params: Params, joints: Float[Array, "T n 3"], samples: Sample) -> Float[Array, "T 6"]:
-    """The reading alone, (T, 6), for joint states (T, n, 3)."""
+    """Expected reading alone, (T, 6), for joint states (T, n, 3)."""
     return compose.predict(signals_of(params, joints, samples), params.effects or {})
 
 
 def signals_of(params: Params, joints: Float[Array, "T n 3"], samples: Sample) -> Signals:
-    """What the effects of the catalogue see of a log; joints (T, n, 3)."""
+    """Signals of a log that the effects of the catalogue take as input; joints (T, n, 3)."""
     t = jnp.cumsum(samples.dt)
     temperature = jnp.zeros_like(t) if samples.temperature is None else samples.temperature
     (q, dq, ddq), model = jnp.moveaxis(joints, 2, 0), Model(params.arm, params.gravity, params.theta)
@@ -206,7 +206,7 @@ def state_of(joint: Track, wrench: Track) -> State:
 
 
 def bias_state(wrench: Track | Smoothed) -> Gaussian:
-    """The state of the bias filter, as ``state_of``."""
+    """State of the bias filter from its track, axes as for ``state_of``."""
     mean, blocks = wrench.mean, diagonal_matrix(wrench.covariance)  # (..., k, k, 6, 6)
     time, size = mean.shape[:-2], 6 * mean.shape[-2]
     covariance = jnp.swapaxes(blocks, -3, -2).reshape(*time, size, size)

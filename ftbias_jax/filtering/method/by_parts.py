@@ -1,4 +1,4 @@
-"""The method over a log that is too long to be held: part by part, twice where its noise is to be found first."""
+"""The method over a log too long to be held in memory: part by part, twice where its noise must be found first."""
 
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain, pairwise
@@ -26,9 +26,9 @@ from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array, Sample
 
 PART = 1 << 16
-"""Samples of a part; an even number of blocks of any length is not asked for, what is left of a block is not used."""
+"""Samples of a part; it need not be a whole number of blocks, since a remainder of a block is not used."""
 LOOKAHEAD = 2048
-"""Samples after a part from which its joints are smoothed; smoothing forgets in a small fraction of that."""
+"""Samples after a part that are used to smooth its joints; smoothing forgets in a small fraction of that."""
 
 Parts = Callable[[int], Iterator[Log]]
 Found = tuple[Params, Noise | None, Layout, Iterable[tuple[Log, States, Infos]]]
@@ -37,7 +37,7 @@ Found = tuple[Params, Noise | None, Layout, Iterable[tuple[Log, States, Infos]]]
 def filter_parts(params: Params, parts: Parts, first_q: Array, options: Options, method: tuple[str, ...]) -> Found:
     """Filter a long log by a method of ``filter_samples`` that does not smooth the bias.
 
-    The parts, samples at once -> the log, are asked for two or three times.
+    ``parts`` (samples per part -> the log in parts) is called two or three times.
 
     Returns:
         the parameters and the noise of the log, and its parts with their states and infos, one at a time.
@@ -71,7 +71,7 @@ def filter_parts(params: Params, parts: Parts, first_q: Array, options: Options,
 
 
 def _fitted(params: Params, parts: Parts, state: State, options: Options, layout: Layout) -> tuple[BiasNoise, Noise]:
-    """The noise of the filter, and what the whole log shows of it."""
+    """Noise of the filter, and the noise that the whole log shows."""
     blocks, jumps = [], []
     for _, sizes, t, samples in _padded(parts, params.theta.dtype):
         state, found, jumped = blocks_in(params, state, samples, t, sizes, options=options, layout=layout)
@@ -85,7 +85,7 @@ def _fitted(params: Params, parts: Parts, state: State, options: Options, layout
 
 
 def _padded(parts: Parts, dtype: Any) -> Iterator[tuple[Log, tuple[Array, Array], Array, Sample]]:
-    """Every part, its samples and those that are there with the first ones of the next part, stamps and samples."""
+    """Every part, its length without and with the first samples of the next part, stamps and samples."""
     before = None
     for part, following in pairwise(chain(parts(PART), [None])):
         assert part is not None
@@ -114,10 +114,10 @@ def _filter(
     joints: str,
     layout: Layout,
 ) -> tuple[State, States, Infos]:
-    """A part, and the state after it."""
+    """Filter a part, and return the state after it."""
     (length, seen), (t, touched) = sizes, at
     work = PASSES[joints](Work(params, state, samples, t, length, layout, options, seen))
-    # Nothing happens at the samples of the next part.
+    # No time passes and nothing is measured at the samples of the next part.
     here = jnp.arange(len(samples.dt)) < length
     wrench = jnp.where(here[:, None], samples.wrench, jnp.nan)
     rezeroed = None if samples.rezeroed is None else jnp.where(here, samples.rezeroed, 0)

@@ -1,7 +1,7 @@
 """The method over a whole log (docs/pages/model.md) as one pure function.
 
-``METHOD`` names its passes in their order; each takes the log as far as it is known and adds to it. ``AS_STATED`` is
-the filter as it would run on a robot: joints from the past alone, noise as the setup states it.
+``METHOD`` names its passes in their order; each takes what is known of the log and adds to it. ``AS_STATED`` is the
+filter as it would run on a robot: joints from the past alone, noise as the setup states it.
 """
 
 from collections.abc import Callable
@@ -28,7 +28,7 @@ PASSES: dict[str, Callable[[Work], Work]] = {function.__name__: function for fun
 METHOD = ("smooth_joints", "fit_noise", "filter_bias")
 """The passes over a recorded log, before ``summarise``."""
 AS_STATED = ("filter_joints", "filter_bias")
-"""Those of a filter on the robot."""
+"""The passes of a filter on the robot."""
 
 
 def filter_samples(
@@ -41,22 +41,22 @@ def filter_samples(
 ) -> tuple[Params, States, Infos]:
     """Filter a log, as ``filter_log`` does: a pure function, to be compiled, mapped over logs and differentiated.
 
-    Called by itself it is two programs: the second one, of noise and bias, knows no effects, so that it need not be
-    compiled for each of these.
+    Outside of ``jax.jit`` it runs as two programs: the second one, of noise and bias, does not depend on effects, so
+    that it need not be compiled for each of these.
 
     Args:
-        params: as ``params_for_log(guarded=False)`` gives them; differentiable in every leaf (``jax.grad``, not
-            ``jax.jvp``). What the log shows of its noise counts as constant.
-        samples: as ``samples_from_log`` gives them, leaves (T, ...); padding counts nothing.
-        options: of the pipeline, as ``options_from_setup`` gives them where a setup states any.
+        params: from ``params_for_log(guarded=False)``; differentiable with respect to every leaf (``jax.grad``, not
+            ``jax.jvp``). Noise estimated from the log counts as constant.
+        samples: from ``samples_from_log``, leaves (T, ...); padding does not count.
+        options: of the pipeline, from ``options_from_setup`` where a setup states any.
         method: keys of PASSES in their order.
-        layout: of the blocks that the noise is found in, as ``layout_of`` gives it; None = that of these samples.
+        layout: of the blocks in which the noise is found, from ``layout_of``; None = that of these samples.
 
     Returns:
         the parameters with the noise of the log, with which its bias was filtered, the states and the infos.
 
     Raises:
-        UsageError: the samples are those of a program, and the layout is not given.
+        UsageError: the samples are traced by a program, and the layout is not given.
     """
     if layout is None:
         if isinstance(samples.dt, jax.core.Tracer):
@@ -75,12 +75,12 @@ def filter_samples(
 def filter_each(
     params: Params, samples: Sample, *, options: Options, method: tuple[str, ...], layout: Layout
 ) -> tuple[Params, States, Infos]:
-    """``filter_samples`` of many logs as one program, where all leaves have one more axis in front."""
+    """``filter_samples`` of many logs as one program, where all leaves have one more leading axis."""
     return jax.vmap(partial(filter_samples, options=options, method=method, layout=layout))(params, samples)
 
 
 def method_for(samples: Sample, method: tuple[str, ...], layout: Layout) -> tuple[str, ...]:
-    """The passes over a log: one that is too short does not show its noise."""
+    """The passes over a log, without ``fit_noise`` if it is too short to show its noise."""
     traced = isinstance(samples.dt, jax.core.Tracer)
     length = len(samples.dt) if traced else int(measured_length(samples, np))
     return tuple(name for name in method if name != "fit_noise" or length // layout.size >= LEAST_BLOCKS)
@@ -90,7 +90,7 @@ def method_for(samples: Sample, method: tuple[str, ...], layout: Layout) -> tupl
 def _know_joints(
     params: Params, samples: Sample, *, options: Options, method: tuple[str, ...], layout: Layout
 ) -> tuple[JointNoise, Joints]:
-    """The joints' noise with which they were filtered, and the joints."""
+    """The joints, and the joint noise with which they were filtered."""
 
     def one(params: Params, samples: Sample) -> tuple[JointNoise, Joints]:
         work = _passed(_begun(params, samples, layout, options), method)

@@ -1,4 +1,4 @@
-"""The passes over the joints of a log: their process noise, themselves, and the wrench that the tool must cause."""
+"""The passes over the joints of a log: their process noise, their states, and the wrench that the tool must cause."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ from ftbias_jax.types import Array, Gaussian, Sample
 
 
 def fit_joint_noise(work: Work) -> Work:
-    """The joints' process noise of maximum likelihood, of the first samples of the log."""
+    """Fit the joints' process noise by maximum likelihood to the first samples of the log."""
     params, (dt, q, dq, *_) = work.params, jax.tree.map(lambda x: x[:MOST_SAMPLES], work.samples)
     measured = jax.lax.stop_gradient((params.joint, dt, q, dq))
     density = likeliest_density(*measured, model=work.options.joint_model)
@@ -27,12 +27,12 @@ def fit_joint_noise(work: Work) -> Work:
 
 
 def guard_joints(work: Work) -> Work:
-    """The joints' process noise guarded against the lag of a filter."""
+    """Guard the joints' process noise against the lag of a filter."""
     return work._replace(params=guard_against_lag(work.params))
 
 
 def filter_joints(work: Work) -> Work:
-    """The joints from the past alone, as a filter on the robot knows them, and the wrench that the tool must cause."""
+    """Filter the joints from the past alone, as on the robot, and compute the wrench that the tool must cause."""
 
     def forward(joint: Gaussian, piece: tuple[Sample, Array]) -> tuple[Gaussian, Any]:
         after, states, nats = _forward(work, joint, *piece)
@@ -43,7 +43,7 @@ def filter_joints(work: Work) -> Work:
 
 
 def smooth_joints(work: Work) -> Work:
-    """The same given past and future; smoothing has no lag, so the process noise is not guarded."""
+    """Smooth the joints from past and future; smoothing has no lag, so the process noise is not guarded."""
     model, samples = JOINT_MODELS[work.options.joint_model], work.samples
     seen = work.length if work.seen is None else work.seen
     inputs = joint_inputs(work.params.joint, work.start.joint, samples)
@@ -60,7 +60,7 @@ def smooth_joints(work: Work) -> Work:
         return jax.tree.map(lambda x: x[0], tuple(smoothed)), _kept(work, smoothed, samples)
 
     last, (filtered, nats) = over_pieces(forward, work.start.joint, (samples, _counted(work)), seen)
-    gaps = jnp.append(samples.dt[1:], 0)  # after the last sample nothing happens
+    gaps = jnp.append(samples.dt[1:], 0)  # no time passes after the last sample
     rows = upper([list(row) for row in jnp.moveaxis(last.covariance, 0, -1)])
     _, kept = over_pieces(backward, (list(last.mean.T), rows), (samples, gaps, filtered), seen, reverse=True)
     at_end = States(*jax.tree.map(lambda x: x[work.length - 1][None], tuple(filtered))).stacked()
@@ -69,12 +69,12 @@ def smooth_joints(work: Work) -> Work:
 
 
 def _counted(work: Work) -> Array:
-    """(T,) whether each sample counts."""
+    """Whether (T,) each sample counts."""
     return jnp.arange(len(work.samples.dt)) < work.length
 
 
 def _forward(work: Work, joint: Gaussian, samples: Sample, counted: Array) -> tuple[Gaussian, States, Array]:
-    """The filters of the joints over a piece: their state after it, their states, and (1,) nats."""
+    """Filter the joints over a piece: their state after it, their states, and (1,) nats."""
     inputs = joint_inputs(work.params.joint, joint, samples)
     found = filter_sums(JOINT_MODELS[work.options.joint_model], True, inputs, counted.astype(samples.dt.dtype))
     assert found.states is not None
@@ -82,8 +82,7 @@ def _forward(work: Work, joint: Gaussian, samples: Sample, counted: Array) -> tu
 
 
 def _kept(work: Work, states: States, samples: Sample) -> Any:
-    """What is kept of a piece: the wrench and what the result holds of the states; all of these where effects, which
-    may need the whole log, make the wrench of them."""
+    """Wrench and result of a piece; all joint states if effects, which may need the whole log, make the wrench."""
     if work.params.effects is not None:
         return states
     mean: Any = tuple(states.mean)

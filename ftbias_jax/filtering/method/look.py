@@ -1,4 +1,4 @@
-"""What a log shows of its noise, without filtering it: for tuning and for diagnosis, which work on its blocks."""
+"""Noise of a log without filtering it, for tuning and diagnosis, which work on its blocks."""
 
 from typing import NamedTuple
 
@@ -35,24 +35,24 @@ from ftbias_jax.types import Array, Sample
 
 
 class InBlocks(NamedTuple):
-    """A log whose joints are smoothed, to be looked at with any noise of the bias."""
+    """A log with smoothed joints in blocks, to be examined with any noise of the bias."""
 
     blocks: Blocks
-    """Padded."""
+    """Blocks with padding."""
     jumps: Array
-    """In which of them the sensor was set to zero."""
+    """(N,) not 0 for blocks in which the sensor was set to zero."""
     layout: Layout
     enough: bool
     """Whether the log is long enough to show its noise."""
 
 
 def look_at(params: Params, log: Log, options: Options) -> tuple[Blocks, LogNoise]:
-    """Blocks and noise of a log, with its joints smoothed by their likeliest noise; of NumPy arrays."""
+    """Blocks and noise of a log, with its joints smoothed by their most likely noise; NumPy arrays."""
     return look_in(params.bias, log_in_blocks(params, log, options))
 
 
 def log_in_blocks(params: Params, log: Log, options: Options) -> InBlocks:
-    """A log in blocks, with its joints smoothed by their likeliest noise."""
+    """A log in blocks, with its joints smoothed by their most likely noise."""
     log = without_useless(log, params)
     samples = samples_of(params, log)
     layout, length = layout_of(samples.dt), np.asarray(len(log.t))
@@ -62,7 +62,7 @@ def log_in_blocks(params: Params, log: Log, options: Options) -> InBlocks:
 
 
 def look_in(bias: BiasNoise, log: InBlocks) -> tuple[Blocks, LogNoise]:
-    """What ``look_at`` gives, of a log in blocks, which were made with the same noise of samples."""
+    """Blocks and noise as from ``look_at``, for a log in blocks that were made with the same noise of samples."""
     blocks, jumps, layout, enough = log
     blocks, fitted = jax.tree.map(np.asarray, noise_in(bias, blocks, jumps, layout=layout, enough=enough))
     stated = bias.correlated_std is not None
@@ -83,7 +83,7 @@ def blocks_in(
     options: Options,
     layout: Layout,
 ) -> tuple[State, Blocks, Array]:
-    """A log, or a part of one: the joints after it, its blocks, and in which of them the sensor was set to zero."""
+    """A log, or a part of one: the joints after it, its blocks, and the blocks in which the sensor was set to zero."""
     length, seen = sizes
     work = smooth_joints(Work(params, state, samples, t, length, layout, options, seen))
     blocks = blocks_of(work)
@@ -94,16 +94,16 @@ def blocks_in(
 def noise_in(
     stated: BiasNoise, blocks: Blocks, jumps: Array, *, layout: Layout, enough: bool
 ) -> tuple[Blocks, tuple[BiasNoise, Noise] | None]:
-    """The blocks of a whole log without jumps, and what ``fit_noise`` finds in them if they are enough."""
+    """The blocks of a whole log without jumps, and the result of ``fit_noise`` if the log is long ``enough``."""
     blocks = without_jumps(blocks, jumps)
     return blocks, fit_noise(stated, blocks, layout) if enough else None
 
 
 class Touched(NamedTuple):
-    """What touches the tool in a log, by the rules of the filter."""
+    """Contact with the tool in a log, by the rules of the filter."""
 
     contacts: tuple[Contact, ...] = ()
-    """Stretches in which the reading leaves the model suddenly and comes back."""
+    """Intervals in which the reading leaves the model suddenly and returns."""
     all_along: bool = False
     """Whether the log has no free motion."""
 
@@ -115,9 +115,9 @@ def contacts_in(
     variance: Float[np.ndarray, "T 6"],
     weighs: bool = True,
 ) -> Touched:
-    """What touches a tool that must cause this wrench, N, Nm, by the joints' speed, rad/s, and a sample's variance.
+    """Contact of a log, from the wrench, N, Nm, that the tool must cause, joint speed, rad/s, and variance of a sample.
 
-    It ``weighs`` if its weight is in the reading.
+    ``weighs`` states whether the tool's weight is in the reading.
     """
     layout = layout_of(np.diff(log.t))
     if len(log.t) // layout.size < LEAST_BLOCKS:
@@ -144,10 +144,10 @@ def scatter_at_rest(
     variance: Float[np.ndarray, "T 6"],
     noise_std: Float[np.ndarray, " 6"],
 ) -> Float[np.ndarray, " 6"]:
-    """How far readings scatter within a block at rest, per stated noise, as the filter finds and says it.
+    """Scatter of readings within a block at rest, relative to the stated noise, as the filter finds and reports it.
 
-    The error is the model's prediction less the wrench, N, Nm, all else as for ``contacts_in``; ones for a log that is
-    too short to say.
+    The error is the model's prediction minus the wrench, N, Nm, all else as for ``contacts_in``; ones if the log is too
+    short.
     """
     layout = layout_of(np.diff(log.t))
     if len(log.t) // layout.size < LEAST_BLOCKS:

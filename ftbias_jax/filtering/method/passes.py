@@ -1,4 +1,4 @@
-"""The passes over noise and bias of a log whose joints are known: each takes a log as far as it is known, and adds."""
+"""The passes over noise and bias of a log whose joints are known: each takes what is known of a log and adds to it."""
 
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
@@ -19,11 +19,11 @@ from ftbias_jax.types import Array, Gaussian, Sample
 GATE = 6.0
 """Standard deviations: with the noise of the log, spikes and short contacts are off by more, and nothing else is."""
 AT_FIRST = 1.0
-"""s from the first free sample on, within which a gate that a few odd readings shut opens, if it is to be trusted."""
+"""s from the first free sample, within which a trustworthy gate must reopen after a few odd readings have closed it."""
 
 
 def fit_noise(work: Work) -> Work:
-    """Contact, noise in motion and slow errors where the setup leaves them open, by the blocks of the log."""
+    """Find contact, noise in motion and slow errors where the setup leaves them open, from the blocks of the log."""
     blocks, rezeroed = blocks_of(work), work.samples.rezeroed
     if rezeroed is not None:
         blocks = without_jumps(blocks, jumps_in(work.layout, rezeroed))
@@ -42,13 +42,13 @@ def blocks_of(work: Work) -> Blocks:
 
 
 def with_noise(work: Work, noise: BiasNoise, found: Noise) -> Work:
-    """A log with the noise that was found in the whole of it, and the gate that goes with that."""
+    """A log with the noise that was found in the whole of it, and the gate that belongs to it."""
     options = work.options if work.options.gate is not None else work.options._replace(gate=GATE)
     return work._replace(params=work.params._replace(bias=noise), stated=work.params, noise=found, options=options)
 
 
 def filter_bias(work: Work) -> Work:
-    """The bias sample by sample: at each what the wrench so far says."""
+    """Filter the bias forward: at each sample it is the estimate from the wrench so far."""
     params, joints, variance = work.params, work.joints, _variances(work)[0]
     state = work.start if work.start.bias is not None else work.start._replace(bias=bias_filter.init(params.bias))
 
@@ -56,7 +56,7 @@ def filter_bias(work: Work) -> Work:
         samples, (wrench_tool, variance, velocity) = piece
         inputs = bias_inputs(params, state._replace(bias=before), samples, wrench_tool, variance, velocity)
         track = filter_scan(gated(inputs, work.options), inputs)
-        # What was not measured, or did not pass the gate, has no share in the likelihood: exactly zero.
+        # A sample that was not measured or did not pass the gate contributes exactly zero to the likelihood.
         used = jnp.isfinite(samples.wrench) & (track.log_likelihood != 0)
         x, P = track.mean, track.covariance
         slow = jnp.zeros_like(wrench_tool)
@@ -78,10 +78,10 @@ def filter_bias(work: Work) -> Work:
 
 
 def begin_at_median(work: Work) -> Work:
-    """Let the bias begin at the median of the log, for a log that the gate keeps out most of.
+    """Let the bias begin at the median of the log, for a log that the gate rejects most of.
 
-    The gate takes for contact what is off its prediction, and the prediction rests on the readings that passed before:
-    with little noise a few odd ones at the start keep it shut for the rest of a short log.
+    The gate takes what is off its prediction for contact, and the prediction relies on the readings that passed before:
+    with little noise, a few odd ones at the start keep the gate closed for the rest of a short log.
     """
     assert work.noise is not None
     return work._replace(params=work.params._replace(bias=from_median(work.params.bias, work.noise, work.blocks)))
@@ -98,7 +98,7 @@ def smooth_bias(work: Work) -> Work:
 
 
 def summarise(work: Work) -> tuple[Params, States, Infos]:
-    """Parameters of the log, its states and its infos."""
+    """Parameters, states and infos of the log."""
     known, states, noise, innovation = work.joints, work.states, work.noise, work.innovation
     taken, shown = _variances(work)
     innovation_std = _root(_innovation_variance(work.predicted, taken, shown))
@@ -146,7 +146,7 @@ def _without_contact(work: Work) -> Sample:
 
 
 def _variances(work: Work) -> tuple[Array, Array]:
-    """(T, 6) N^2, Nm^2: noise of single samples that the filter takes, and that the log shows."""
+    """Noise variances of single samples, (T, 6) N^2, Nm^2, that the filter uses and that the log shows."""
     stated = work.joints.variance
     if work.noise is None or work.stated is None:
         return stated, stated
@@ -155,16 +155,16 @@ def _variances(work: Work) -> tuple[Array, Array]:
 
 
 def _innovation_variance(predicted: Array, taken: Float[Array, "T 6"], shown: Float[Array, "T 6"]) -> Array:
-    """Variance of innovations if the noise of samples is ``shown``, and the filter took ``taken``; N^2, Nm^2.
+    """Variance of innovations if the noise of samples is ``shown`` and the filter used ``taken``; N^2, Nm^2.
 
-    The filter's own variance of what it predicts is noise of past samples for a half and process for the other, as in
-    the steady state of a random walk: the first half is as much smaller, or larger, as the noise is.
+    Half of the filter's own variance of its prediction is noise of past samples and half is process noise, as in the
+    steady state of a random walk: the first half scales with the noise.
     """
     return predicted * (1 + shown / jnp.where(taken > 0, taken, 1)) / 2 + shown
 
 
 def _reading_variance(noise: BiasNoise, shown: Float[Array, "T 6"], velocity: Float[Array, "T n"]) -> Array:
-    """(T, 6) N^2, Nm^2: how far a reading is off wrench_tool - bias by all its noise, white and correlated."""
+    """Variance (T, 6) N^2, Nm^2 of a reading about wrench_tool - bias from all its noise, white and correlated."""
     if noise.correlated_std is None:
         return shown
     more = bias_filter.correlated_variance(noise, bias_filter.vibration(noise, velocity))
@@ -172,6 +172,6 @@ def _reading_variance(noise: BiasNoise, shown: Float[Array, "T 6"], velocity: Fl
 
 
 def _root(variance: Array) -> Array:
-    """Square root with a finite slope at 0, where padding is."""
+    """Square root with a finite derivative at 0, the value of padding."""
     there = variance > 0
     return jnp.where(there, jnp.sqrt(jnp.where(there, variance, 1)), 0)

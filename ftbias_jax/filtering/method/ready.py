@@ -1,4 +1,4 @@
-"""A recorded log filtered from its setup: the arrays of the method, back at the stamps of the wrench."""
+"""Filter a recorded log from its setup, with the arrays of the method at the stamps of the wrench."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
@@ -30,16 +30,16 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 LEAST_USED = 0.5
-"""Share of the samples free of contact that the gate must let through; contacts are found before, and do not count."""
+"""Share of the samples free of contact that the gate must pass; contacts are found before and do not count."""
 MOST = 1 << 19
-"""Samples of a log that are worked on at once; a longer one passes in parts, so that memory does not grow with it."""
+"""Samples of a log processed together; a longer one is processed in parts, so that memory does not grow with it."""
 
 
 class Ready(NamedTuple):
-    """What a log was filtered with, and its results part by part; a whole log is one part."""
+    """Parameters and noise that a log was filtered with, and its results part by part; a whole log is one part."""
 
     params: Params
-    """With the noise of the log."""
+    """Parameters with the noise of the log."""
     noise: LogNoise
     results: Iterable[Filtered]
 
@@ -47,9 +47,9 @@ class Ready(NamedTuple):
 def ready_to_filter(
     setup: Setup, parts: Callable[[int], Iterator[Log]], length: int, first_q: Array, *, smooth: bool = False
 ) -> Steps[Ready]:
-    """Filter a log: joints smoothed, noise of the log found; or as stated, where ``[bias] adapt = false`` asks for it.
+    """Filter a log: joints smoothed, noise of the log found; or as stated, where ``[bias] adapt = false``.
 
-    The log comes in parts: so many samples at once -> them. With ``smooth`` the bias given past and future is added.
+    ``parts``: samples per part -> the log in parts. With ``smooth`` the bias given past and future is added.
     """
     options, adapt = options_from_setup(setup), setup.bias.adapt
     params = zeroed_at(_params_of(setup, is_wide()), setup, first_q)
@@ -90,26 +90,26 @@ def ready_to_filter(
 
 @lru_cache(maxsize=2)
 def _params_of(setup: Setup, wide: bool) -> Params:
-    """Of a setup, in float64 if ``wide``: once for all its logs."""
+    """Parameters of a setup, in float64 if ``wide``: computed once for all its logs."""
     return params_from_setup(setup)
 
 
 def as_stated(params: Params) -> Params:
-    """Parameters of JAX, without noise that is zero."""
+    """Parameters as JAX arrays, without noise that is zero."""
     return jax.tree.map(jnp.asarray, params._replace(bias=without_nothing(params.bias)))
 
 
 def in_log_time(contacts: Sequence[Contact], dt: Array, t: Array) -> tuple[Contact, ...]:
-    """Contacts whose times are sums of dt, which counts a long pause as shorter than it was, by the stamps t (T,) s."""
+    """Contacts in the stamps t (T,) s of the log, instead of in sums of dt, in which a long pause is shortened."""
     passed = np.cumsum(dt[: len(t)])
     late = np.interp([(contact.start, contact.end) for contact in contacts], passed, t - passed) if contacts else []
     return tuple(x._replace(start=x.start + by[0], end=x.end + by[1]) for x, by in zip(contacts, late, strict=True))
 
 
 def result_of(log: Log, states: States, infos: Infos, contacts: Sequence[Contact] | None) -> Filtered:
-    """The result of a log or of a part of one, at the stamps of its wrench, from states that may go on with padding.
+    """Result of a log or of a part of one, at the stamps of its wrench, from states that may include padding.
 
-    The contacts are of the whole log; None = it was filtered as on the robot, where nobody knows them.
+    The contacts are of the whole log; None = it was filtered as on the robot, where they are unknown.
     """
     rows = np.isfinite(log.wrench).any(1)
     at: slice | Array = slice(len(rows)) if rows.all() else np.flatnonzero(rows)
@@ -128,7 +128,7 @@ def result_of(log: Log, states: States, infos: Infos, contacts: Sequence[Contact
 
 
 def filtered_with(setup: Setup, log: Log, calls: int = 1) -> tuple[Filtered, Params]:
-    """A log filtered as ``ftbias filter`` does it, in one of so many calls, and the parameters that the filter took."""
+    """A log filtered as ``ftbias filter`` does it, in one of ``calls`` calls, and the parameters of the filter."""
     with compiled_for_few_calls(calls * len(log.t)):
         ready = alone(ready_to_filter(setup, slices(log), len(log.t), first_position(log.q)))
         (filtered,) = ready.results

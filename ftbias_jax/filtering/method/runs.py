@@ -1,7 +1,7 @@
-"""Runs of the method that logs ask for: done one by one, or on an accelerator for a set of logs as one program.
+"""Runs of the method that logs request: one by one, or on an accelerator for a set of logs as one program.
 
-What is done for a log is a generator. It yields the runs of the method that it needs, one after the other, is sent what
-each gave, and returns the result of the log.
+The steps for a log are a generator. It yields the runs of the method that it needs, one after the other, receives the
+result of each, and returns the result of the log.
 """
 
 from collections import defaultdict
@@ -21,14 +21,14 @@ from ftbias_jax.runtime.kept_programs import shapes_of
 from ftbias_jax.types import Sample
 
 SET_SAMPLES = 1 << 20
-"""Samples that are worked on together, padding included: of the accelerator's memory each takes a few kB."""
+"""Samples that are processed together, padding included: each takes a few kB of the accelerator's memory."""
 
 Result = TypeVar("Result")
 Task = TypeVar("Task")
 Found = tuple[Params, States, Infos]
-"""What a run gives, of NumPy arrays."""
+"""Result of a run, in NumPy arrays."""
 Steps = Generator["Run", Found, Result]
-"""What is done for a log."""
+"""Steps for one log."""
 
 
 class Run(NamedTuple):
@@ -41,14 +41,14 @@ class Run(NamedTuple):
     layout: Layout
 
     def program(self) -> tuple[Any, ...]:
-        """Equal for runs that one program can do together."""
+        """A key that is equal for runs that one program can do together."""
         leaves, tree = jax.tree.flatten((self.params, self.samples))
         method = method_for(self.samples, self.method, self.layout)
         return tree, shapes_of(leaves), self.options, method, self.layout
 
 
 def alone(steps: Steps[Result]) -> Result:
-    """The result of a log, whose runs are done as it asks for them."""
+    """The result of one log, with its runs executed as it requests them."""
     found: Any = None
     while True:
         try:
@@ -62,11 +62,11 @@ def alone(steps: Steps[Result]) -> Result:
 def in_sets(
     start: Callable[[Task], Steps[Result]], device: Any, tasks: Iterable[Task]
 ) -> Iterator[Result | FtbiasError]:
-    """The results of many logs in their order, or why one has none; runs of one program are done together.
+    """Results of many logs in their order, or the error that prevented one; runs of one program are executed together.
 
     Args:
-        start: a log -> what is done for it.
-        device: of JAX, which does the runs; all else is done where it is called for.
+        start: a log -> its steps.
+        device: JAX device that executes the runs; everything else is executed where this is called.
         tasks: the logs, taken from a generator as far as the next set needs.
     """
     steps, runs, done, room = list[Steps[Result]](), dict[int, Run](), dict[int, Result | FtbiasError](), 0
@@ -100,12 +100,12 @@ def in_sets(
 
 
 def _done_together(program: tuple[Any, ...], runs: Sequence[Run], device: Any) -> list[Found]:
-    """What each of some runs of one program gives."""
-    count = 1 << (len(runs) - 1).bit_length()  # of sets of many sizes few are compiled
+    """The result of each of some runs of one program."""
+    count = 1 << (len(runs) - 1).bit_length()  # so that few sizes of sets are compiled
     rows = [(run.params, run.samples) for run in runs]
     stacked = jax.tree.map(lambda *x: np.stack(x), *rows, *rows[-1:] * (count - len(rows)))
     _, _, options, method, layout = program
     with jax.default_device(device):
         found = jax.tree.map(np.asarray, filter_each(*stacked, options=options, method=method, layout=layout))
-    # Copies, or a result of which little is kept would hold the arrays of the whole set.
+    # Copied, because otherwise a result of which little is kept would hold the arrays of the whole set.
     return [jax.tree.map(lambda x, i=i: np.array(x[i]), found) for i in range(len(runs))]

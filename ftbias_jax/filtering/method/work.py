@@ -1,4 +1,4 @@
-"""A log as far as the passes of the method know it, and what the method gives of it: its states and its infos."""
+"""Data of a log between the passes of the method, and the output of the method: its states and its infos."""
 
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ from ftbias_jax.model.params import Params
 from ftbias_jax.types import Array, Sample
 
 LATER: Any = None
-"""Not there before a pass has found it."""
+"""Placeholder of a field until a pass has found its value."""
 
 
 class Joints(NamedTuple):
@@ -33,7 +33,7 @@ class Joints(NamedTuple):
 
 
 class States(NamedTuple):
-    """A log at every sample; the joints given past and future (as stated: past alone), the bias given the past.
+    """States of a log at every sample; joints given past and future (as stated: past alone), bias given the past.
 
     Names, signs and units are those of ``result.Filtered``.
     """
@@ -50,50 +50,50 @@ class States(NamedTuple):
     bias_smooth: Float[Array, "T 2 6"] | None = None
     """N, Nm and per s: bias and drift given past and future; None = not asked for."""
     bias_smooth_std: Float[Array, "T 2 6"] | None = None
-    """Its standard deviation."""
+    """Standard deviation of ``bias_smooth``."""
 
 
 class Work(NamedTuple):
-    """A log as far as it is known; every pass of the method adds to it."""
+    """What is known of a log so far; every pass of the method adds to it."""
 
     params: Params
     start: State
-    """Before the first sample; its bias is None where it begins with the prior."""
+    """State before the first sample; its bias is None where it begins with the prior."""
     samples: Sample
     t: Float[Array, " T"]
     """s, since the log began."""
     length: Array
-    """Samples at the start that count; after them comes padding, or what the next part begins with."""
+    """Number of samples at the start that count; after them comes padding, or the beginning of the next part."""
     layout: Layout
     options: Options
     seen: Array | None = None
-    """Samples that are not padding, some of which may be of the next part of the log; None = those that count."""
+    """Number of samples that are not padding, some of which may be of the next part; None = those that count."""
     joints: Joints = LATER
     stated: Params | None = None
     """Parameters before the log's noise was added to them."""
     noise: Noise | None = None
     blocks: Blocks = LATER
     touched: Bool[Array, " T"] | None = None
-    """Samples in contact or near it, which are left out."""
+    """Whether each sample is in contact or near it, and so left out."""
     states: States = LATER
-    """As the filter of the bias gives them."""
+    """States from the filter of the bias."""
     innovation: Float[Array, "T 6"] = LATER
     """N, Nm; NaN = not used."""
     predicted: Float[Array, "T 6"] = LATER
     """N^2, Nm^2, variance of the innovation without the noise of the sample itself."""
     log_likelihood: Float[Array, ""] = LATER
-    """nats of the wrench."""
+    """nats, log-likelihood of the wrench."""
     end: State = LATER
-    """After the last sample that counts."""
+    """State after the last sample that counts."""
 
     @property
     def speeds(self) -> Float[Array, "T s"]:
-        """rad/s by which noise may grow."""
+        """Speeds, rad/s, with which noise may grow."""
         return speeds_of(self.params.arm, self.joints.mean[1])
 
 
 class Infos(NamedTuple):
-    """What the method learned at every sample and of the log; names, signs and units as in ``result.Filtered``."""
+    """Results at every sample and of the log beside its states; names, signs and units as in ``result.Filtered``."""
 
     wrench_tool: Float[Array, "T 6"]
     wrench_unbiased: Float[Array, "T 6"]
@@ -104,8 +104,8 @@ class Infos(NamedTuple):
     reading_std: Float[Array, "T 6"]
     log_likelihood: Float[Array, ""]
     noise: Noise | None
-    """What the log shows of its noise; None = the method was not to look, or the log is too short."""
+    """Noise that the log shows; None = the method does not look for it, or the log is too short."""
     kept_out: Float[Array, ""]
-    """Share of the free samples that the gate keeps out."""
+    """Share of the free samples that the gate rejects."""
     kept_out_at_first: Float[Array, ""]
-    """That of the first second of them."""
+    """Share of the free samples in the first second of these that the gate rejects."""

@@ -1,1 +1,1 @@
-"""What a recorded log shows of its noise: contact, vibration, slow errors, in blocks of a twentieth of a second."""
+"""Noise that a recorded log shows: contact, vibration, slow errors, from blocks of a twentieth of a second."""

@@ -1,4 +1,4 @@
-"""The Kalman filter of bias, drift and slow error on the means of blocks, for many sets of noise at once."""
+"""Kalman filter of bias, drift and slow error on the means of blocks, for many sets of noise parameters together."""
 
 from typing import Any, NamedTuple
 
@@ -15,24 +15,24 @@ from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.types import Array
 
 SHORTEST = 1e-5
-"""Length of a block in correlation times, below which it is a point, as far as numbers can tell."""
+"""Shortest length of a block in correlation times; a shorter one is numerically a point."""
 
 
 class Means(NamedTuple):
-    """Means of N blocks, what is left of a log for its slow noise."""
+    """Means of N blocks, to which a log is reduced for the estimation of slow noise."""
 
     seconds: Float[Array, ""]
     """s, length of a block."""
     t: Float[Array, " N"]
     """s, middles of blocks."""
     y: Float[Array, "N 6"]
-    """N, Nm, of the measured bias; NaN = not measured, or in contact."""
+    """N, Nm, means of the measured bias; NaN = not measured, or in contact."""
     variance: Float[Array, "N 6"]
-    """N^2, Nm^2 of those means if the noise is white."""
+    """N^2, Nm^2, variance of these means if the noise is white."""
 
 
 class Grid(NamedTuple):
-    """Parameters of G filters for each of six axes; (G, 6)."""
+    """Parameters (G, 6) of G filters on six axes: factor of the white variance, std and time of the slow error."""
 
     white: Array
     std: Array
@@ -40,7 +40,7 @@ class Grid(NamedTuple):
 
 
 class Filtered(NamedTuple):
-    """Blocks after they were used; (N, G, 6)."""
+    """State and innovation at every block after its update; (N, G, 6)."""
 
     innovation: Array
     """N, Nm; NaN = not measured."""
@@ -55,16 +55,16 @@ class Filtered(NamedTuple):
 
 
 class Averaged(NamedTuple):
-    """A Gauss-Markov process of variance 1 over a block, given its value at the beginning."""
+    """Coefficients of a Gauss-Markov process of variance 1 averaged over a block, given its value at the beginning."""
 
     kept: Array
-    """What of that value is left at the end."""
+    """Factor of that value in the value at the end."""
     mean: Array
-    """What of it is in the mean over the block."""
+    """Factor of that value in the mean over the block."""
     scatter: Array
-    """Variance of that mean about it."""
+    """Variance of the mean given that value."""
     cross: Array
-    """Covariance of the mean with the value at the end."""
+    """Covariance of the mean with the value at the end, given that value."""
 
 
 def filter_blocks(
@@ -72,10 +72,10 @@ def filter_blocks(
 ) -> Filtered:
     """Filter the means of blocks.
 
-    The Kalman filter of (bias, drift, slow error at the end of the block), over all sets at once. What is measured is
+    This is the Kalman filter of (bias, drift, slow error at the end of the block), for all sets together. It measures
     the mean of the slow error over the block, which is smoother than the error itself (``Averaged``); the bias hardly
     curves within a block, so its mean is its value in the middle. The density sigma_Q is (6,) or (G, 6), the rate at
-    which the drift reverts to zero 1/s, (G, 6).
+    which the drift reverts to zero, 1/s, (G, 6).
     """
     (seconds, t, y, variance), shape = means, grid.std.shape
     sets = (grid, averaged(seconds / grid.time), BiasStrength(density, drift_rate), tuple(prior_std))
@@ -89,7 +89,7 @@ def filter_blocks(
 def filter_series(
     t: np.ndarray, y: np.ndarray, variance: np.ndarray, grid: Grid, prior_std: Array, density: Array, rate: Any = None
 ) -> Filtered:
-    """``filter_blocks`` of NumPy arrays, as long as the usual distance between them; lengths share a few programs."""
+    """``filter_blocks`` of NumPy arrays, with blocks as long as their usual distance; lengths share a few programs."""
     count = len(t)
     more = room_for(count, 64) - count
     seconds = np.asarray(np.median(np.diff(t)) if count > 1 else 1.0)
@@ -105,14 +105,14 @@ _program = keep_program()(filter_blocks)
 
 @compile_whole
 def _filter(sets: Any, h: Array, pause: Array, y: Array, variance: Array) -> Filtered:
-    """Blocks (N, G * 6): h (N, 1) s after the middle of the one before, pause (N, 1) s after its end."""
+    """Filter blocks (N, G * 6): h (N, 1) s since the middle of the previous one, pause (N, 1) s since its end."""
     grid, block, strength, (bias_std, drift_std) = sets
     zero, stationary = jnp.zeros_like(grid.std), grid.std**2
 
     def step(state: Any, sample: Any) -> tuple[Any, Filtered]:
         (b, d, g), (bb, bd, bg, dd, dg, gg) = state
         h, pause, y, variance = sample
-        # The bias to the middle of this block; the slow error, through a pause if there is one, to its beginning.
+        # Predict the bias to the middle of this block and the slow error, through any pause, to its beginning.
         f = jnp.exp(-pause / grid.time)
         ((_, moved), (_, kept)), ((of_bias, cross), (_, of_drift)) = reverting_drift(h, strength)
         b, d, g = b + moved * d, kept * d, f * g
@@ -137,10 +137,11 @@ def _filter(sets: Any, h: Array, pause: Array, y: Array, variance: Array) -> Fil
 
 
 def averaged(x: Array) -> Averaged:
-    """Moments of the mean over a block x correlation times long.
+    """Moments of the mean over a block that is x correlation times long.
 
-    With the autocorrelation exp(-|u|) the value at the end of the block has the correlation (1 - exp(-x)) / x with its
-    mean, and the mean the variance 2 (x - 1 + exp(-x)) / x^2; what the value at the beginning explains is taken off.
+    With the autocorrelation exp(-|u|), the value at the end of the block has the correlation (1 - exp(-x)) / x with its
+    mean, and the mean the variance 2 (x - 1 + exp(-x)) / x^2; the part explained by the value at the beginning is
+    subtracted.
     """
     x = jnp.maximum(x, SHORTEST)
     kept = jnp.exp(-x)

@@ -1,4 +1,4 @@
-"""A log in blocks of a few hundredths of a second: what is slow in their means, what is fast in their scatter."""
+"""A log in blocks of a few hundredths of a second: slow variation is in their means, fast noise in their scatter."""
 
 from typing import NamedTuple
 
@@ -10,33 +10,33 @@ from jaxtyping import Float, Int
 from ftbias_jax.types import Array
 
 BLOCK_SECONDS = 0.05
-"""Vibration of arms and tools, 10 Hz and above, averages out in a block; what moves the bias does not."""
+"""s; vibration of arms and tools, 10 Hz and above, averages out in a block, changes of the bias do not."""
 FEWEST = 10
-"""Samples of a block: the scatter of fewer about a line tells neighbours apart more than it tells noise."""
+"""Minimum samples of a block: the scatter of fewer about a line reflects differences of neighbours more than noise."""
 LEAST_BLOCKS = 40
-"""A shorter log says nothing of its noise."""
+"""Minimum number of blocks; a shorter log does not constrain its noise."""
 BESIDE = 10
-"""Blocks before and after the sensor was set to zero, whose medians say by how much the bias jumped."""
+"""Number of blocks before and after the sensor was set to zero whose medians give the jump of the bias."""
 
 
 class Layout(NamedTuple):
     """How a log is cut into blocks: static under jit, because the shapes depend on it."""
 
     size: int
-    """Samples of a block."""
+    """Samples per block."""
     seconds: float
     """s, length of a block."""
 
 
 class Blocks(NamedTuple):
-    """A log in N blocks of equally many samples; what is left at the end is not used."""
+    """A log in N blocks of equally many samples; a remainder at the end is not used."""
 
     t: Float[Array, " N"]
     """s, the middle of each block."""
     mean: Float[Array, "N 6"]
-    """N, Nm of the measured bias D theta - W; NaN where nothing was measured."""
+    """N, Nm, mean of the measured bias D theta - W; NaN where nothing was measured."""
     count: Float[Array, "N 6"]
-    """Samples that were measured."""
+    """Number of measured samples."""
     scatter: Float[Array, "N 6"]
     """N^2, Nm^2: variance of the samples about a straight line through the block."""
     motion: Float[Array, "N n"]
@@ -44,12 +44,12 @@ class Blocks(NamedTuple):
     stated: Float[Array, "N 6"]
     """N^2, Nm^2, mean variance of a sample as the setup states it, with the joints' share."""
     shaking: Float[Array, "N 6"]
-    """N^2, Nm^2: the part of ``stated`` that is vibration which the setup states; 0 where it states none."""
+    """N^2, Nm^2: the part of ``stated`` that is vibration stated by the setup; 0 where it states none."""
     number: Int[Array, ""]
-    """How many of them are of the log; those after are padding."""
+    """Number of blocks that belong to the log; those after them are padding."""
     tool: Float[Array, "N 6"] | None = None
-    """N, Nm: mean of the wrench that the tool must cause, 0 where its weight is not in the reading; None = nobody asks
-    whether anything touches the tool all along."""
+    """N, Nm: mean wrench that the tool must cause, 0 where its weight is not in the reading; None = contact throughout
+    the log is not tested."""
 
 
 def layout_of(dt: np.ndarray) -> Layout:
@@ -70,9 +70,9 @@ def in_blocks(
     length: int | Array | None = None,
     tool: Float[Array, "T 6"] | None = None,
 ) -> Blocks:
-    """A log in blocks: of y = D theta - W, NaN = not measured, and of the diagonal of R, with the vibration in it.
+    """Cut a log into blocks: y = D theta - W, NaN = not measured, and the diagonal of R, which includes vibration.
 
-    The first ``length`` samples are of the log, None = all; ``tool`` is N, Nm that the tool must cause.
+    The first ``length`` samples belong to the log, None = all; ``tool`` is the wrench, N, Nm, that the tool must cause.
     """
     size = layout.size
     room = len(t) // size
@@ -85,7 +85,7 @@ def in_blocks(
     times, values = cut(t), cut(y)
     seen = jnp.isfinite(values) & there[:, None]
     count = seen.sum(1).astype(y.dtype)
-    # A straight line through each block: slow changes are none of its scatter.
+    # A straight line is fitted to each block, so that slow changes do not count as scatter.
     offset = times - times.mean(1, keepdims=True)
     clean = jnp.where(seen, values, 0)
     mean = jnp.where(count > 0, clean.sum(1) / jnp.maximum(count, 1), jnp.nan)
@@ -103,9 +103,9 @@ def in_blocks(
 
 
 def without_jumps(blocks: Blocks, jumps: Float[Array, " N"]) -> Blocks:
-    """The blocks of a whole log as if the sensor had never been set to zero, as in those where ``jumps`` is not 0.
+    """The blocks of a whole log with the jumps of the bias removed, which are in the blocks where ``jumps`` is not 0.
 
-    What the noise is does not change by that.
+    The noise is not affected.
     """
     nothing = jnp.full((BESIDE, 6), jnp.nan, blocks.mean.dtype)
     ahead = jnp.concatenate([blocks.mean, nothing])
@@ -124,18 +124,18 @@ def without_jumps(blocks: Blocks, jumps: Float[Array, " N"]) -> Blocks:
 
 
 def jumps_in(layout: Layout, rezeroed: Float[Array, " T"]) -> Float[Array, " N"]:
-    """(N,) not 0 where one of a block's samples says that the sensor was set to zero."""
+    """Number (N,) of samples of each block at which the sensor was set to zero."""
     room = len(rezeroed) // layout.size
     return rezeroed[: room * layout.size].reshape(room, layout.size).sum(1)
 
 
 def to_samples(layout: Layout, x: Array, length: int) -> Array:
-    """What is said of blocks (N, ...), said of ``length`` samples; those after the last block are as that one."""
+    """Values of blocks (N, ...) repeated for ``length`` samples; those after the last block take its value."""
     return jnp.pad(jnp.repeat(x, layout.size, 0), (0, length - layout.size * len(x)), mode="edge")
 
 
 def nan_median(x: Float[Array, "N ..."]) -> Float[Array, " ..."]:
-    """Median over the first axis without NaN; NaN = there is nothing. In a third of the code of ``jnp.nanmedian``."""
+    """Median over the first axis without NaN; NaN = there is nothing. Has a third of the code of ``jnp.nanmedian``."""
     ordered, count = jnp.sort(x, 0), (~jnp.isnan(x)).sum(0)
     low, high = (jnp.take_along_axis(ordered, k[None], 0)[0] for k in ((count - 1) // 2, count // 2))
     return jnp.where(count > 0, (low + high) / 2, jnp.nan)

@@ -1,8 +1,8 @@
-"""Contact in free motion: when the reading leaves what bias and noise allow, and when it comes back.
+"""Contact in free motion: from where the reading leaves what bias and noise allow to where it returns.
 
-A filter that is touched for a second takes the force for bias. So contact is looked for first, in blocks: a level
-follows the measured bias while nothing touches, and is held while something does. A change that stays is a bias that
-jumped, and is let through.
+A filter takes the force of a contact of one second for bias. Contact is therefore searched for first, in blocks: a
+level follows the measured bias while nothing touches the tool, and is held during contact. A change that persists is a
+jump of the bias and is accepted.
 """
 
 from collections.abc import Sequence
@@ -19,38 +19,38 @@ from ftbias_jax.runtime.compiled_loops import compile_whole, running_sum
 from ftbias_jax.types import Array
 
 FOLLOW = 0.5
-"""s: time constant with which the level follows; the errors of a model in motion are slower, contacts are faster."""
+"""s: time constant with which the level follows; model errors in motion are slower, contacts are faster."""
 BEGIN = 8.0
 """Standard deviations of a block's mean beyond which contact begins."""
 BEGIN_SLOW = 4.0
-"""Standard deviations of what varies slowly in free motion, mostly errors of the model, beyond which contact begins."""
+"""Standard deviations of the slow variation in free motion, mostly model errors, beyond which contact begins."""
 END = 0.5
-"""Share of what contact begins beyond; contact ends when every axis that left is within it."""
+"""Share of the begin threshold; contact ends when every axis that exceeded the threshold is back within this share."""
 CORRELATED = 4.0
-"""The variance of a block's mean is this many times that of white noise: vibration is not white."""
+"""Ratio of the variance of a block's mean to that of white noise, because vibration is not white."""
 CALM = 0.35
-"""Share of a log in which nothing touches, for sure."""
+"""Share of a log that is assumed to be free of contact."""
 SHORTEST_HALF_WIDTH = 0.454
-"""Half the width of the shortest interval that holds this share of normal numbers, in standard deviations."""
+"""Half the width, in standard deviations, of the shortest interval that holds a share CALM of a normal distribution."""
 CALM_MOVES, MOVES_QUANTILE = 0.2, 0.358
-"""Share of differences between two times that are both calm, and that quantile of such differences."""
+"""Share of differences between two times that are both calm, and that quantile of such differences for unit noise."""
 WINDOW = 20.0
-"""s: the bias itself hardly moves in so short a time."""
+"""s, window of ``slow_std``; the bias itself hardly moves in so short a time."""
 FIRST = 5
-"""Blocks at the start whose median is the first level."""
+"""Number of blocks at the start whose median is the first level."""
 ONSET = 3.0
-"""Standard deviations of white noise: contact is taken back to where the reading left them, FOLLOW s at most."""
+"""Standard deviations of white noise: a contact begins where the reading exceeds them, FOLLOW s earlier at most."""
 SETTLED = 5.0
-"""s without change: what stays for so long is a bias that jumped."""
+"""s without change after which a departure is taken for a jump of the bias."""
 MOST = 0.6
-"""Share of a log in contact beyond which the level is not to be trusted, and nothing is left out."""
+"""Share of a log in contact above which the level is not trusted and nothing is left out."""
 
 
 class Contact(NamedTuple):
-    """A stretch of a log in which something touches the tool."""
+    """An interval of a log in which something touches the tool."""
 
     start: float
-    """s, of the log's time."""
+    """s, in the log's time."""
     end: float
     force: np.ndarray
     """(6,) N, Nm: the largest departure on each axis; sign of the measured bias, opposite to the reading's."""
@@ -60,11 +60,11 @@ class Contacts(NamedTuple):
     """The contacts of a log in N blocks."""
 
     first: Int[Array, " N"]
-    """The block with which the contact begins that ends before this one; -1 where none does."""
+    """Block in which the contact that ends just before this one begins; -1 where none ends."""
     inside: Bool[Array, " N"]
     """Whether something touches the tool."""
     departure: Float[Array, "N 6"]
-    """N, Nm: how far each block is off the level."""
+    """N, Nm: departure of each block from the level."""
 
     @property
     def near(self) -> Bool[Array, " N"]:
@@ -74,15 +74,15 @@ class Contacts(NamedTuple):
 
 
 def find_contacts(blocks: Blocks, layout: Layout, slow: Float[Array, " 6"]) -> Contacts:
-    """Stretches in which the measured bias departs from its level by more than noise does, on an axis of force.
+    """Intervals in which the measured bias departs from its level by more than noise does, on a force axis.
 
-    None if they would take more than MOST of the log. Its blocks vary slowly by ``slow``, N, Nm, of ``slow_std``.
+    There are none if they would take more than MOST of the log. ``slow`` is its slow variation, N, Nm (``slow_std``).
     """
     index = jnp.arange(len(blocks.t))
     there = index < blocks.number
     sigma = mean_std(blocks, layout)
     begin = jnp.maximum(BEGIN * sigma, BEGIN_SLOW * slow[None])
-    # A block that a contact begins in has a large scatter: it is let through, but must not move the level.
+    # The block in which a contact begins has a large scatter and passes as noise, but it must not move the level.
     most = BEGIN * nan_median(jnp.where(there[:, None], sigma, jnp.nan))
     rate = min(1.0, layout.seconds / FOLLOW)
     settled_after = round(SETTLED / layout.seconds)
@@ -92,7 +92,7 @@ def find_contacts(blocks: Blocks, layout: Layout, slow: Float[Array, " 6"]) -> C
         seen, value = jnp.isfinite(mean).any(), jnp.where(jnp.isnan(mean), level, mean)
         departure = value - level
         off = jnp.abs(departure)
-        # What varies slowly moves on during a contact: axes that never left need not come back.
+        # The slow variation continues during a contact: axes that never left the level need not return to it.
         left = (off > begin) | (left & (first >= 0))
         opens = (first < 0) & (off > begin)[:3].any()
         closes = (first >= 0) & jnp.where(left, off < END * begin, True).all()
@@ -121,14 +121,14 @@ def find_contacts(blocks: Blocks, layout: Layout, slow: Float[Array, " 6"]) -> C
 
 
 def _on_one_level(mean: Array, sigma: Array, count: int) -> Array:
-    """(N,) whether there is a level that the last ``count`` blocks are all within BEGIN standard deviations of."""
+    """Whether (N,) some level is within BEGIN standard deviations of all of the last ``count`` blocks."""
     high = jnp.where(jnp.isfinite(mean), mean + BEGIN * sigma, jnp.inf)
     low = jnp.where(jnp.isfinite(mean), BEGIN * sigma - mean, jnp.inf)
     return (_least_before(high, count) > -_least_before(low, count)).all(1)
 
 
 def _least_before(x: Array, count: int) -> Array:
-    """(N, 6) least of the ``count`` rows before each, of windows that are joined to twice their length; inf = none."""
+    """Minimum (N, 6) of the ``count`` rows before each row, from windows that double in length; inf = no rows."""
 
     def later(x: Array, by: int) -> Array:
         return jnp.concatenate([jnp.full((min(by, len(x)), x.shape[1]), jnp.inf, x.dtype), x])[: len(x)]
@@ -141,20 +141,20 @@ def _least_before(x: Array, count: int) -> Array:
 
 
 def _taken_back(first: Array, off: Array, most: int) -> Array:
-    """The first block of each contact, taken back to where the departure first left the noise."""
+    """First block of each contact, moved back to where the departure first exceeded the noise."""
     beyond = (jnp.abs(off[:, :3]) > ONSET).any(1)
 
     def lasts(so_far: Array, beyond: Array) -> tuple[Array, Array]:
         return (after := jnp.where(beyond, so_far + 1, 0)), after
 
-    run = jax.lax.scan(lasts, jnp.asarray(0), beyond)[1]  # blocks up to this one, that are all beyond the noise
+    run = jax.lax.scan(lasts, jnp.asarray(0), beyond)[1]  # length of the run of blocks beyond the noise up to this one
     moved = first - jnp.minimum(jnp.where(first > 0, run[first - 1], 0), most)
     return jnp.where(first >= 0, jnp.maximum(moved, 0), -1)
 
 
 def mean_std(blocks: Blocks, layout: Layout) -> Float[Array, "N 6"]:
-    """N, Nm: how far the mean of a block is off its level by noise and by what else varies between blocks."""
-    # How far the level usually moves while it is followed, by the calmer part of the log: contacts are in the other.
+    """Standard deviation (N, 6) N, Nm of a block's mean about the level, by noise and by variation between blocks."""
+    # The usual motion of the level is taken from the calmer part of the log, because contacts are in the other part.
     lag = max(1, round(FOLLOW / layout.seconds))
     moves = jnp.abs(blocks.mean[lag:] - blocks.mean[:-lag])
     usual = jnp.nanquantile(moves, CALM_MOVES, axis=0) / MOVES_QUANTILE if len(moves) else jnp.zeros(6, moves.dtype)
@@ -162,13 +162,13 @@ def mean_std(blocks: Blocks, layout: Layout) -> Float[Array, "N 6"]:
 
 
 def white_std(blocks: Blocks) -> Float[Array, "N 6"]:
-    """N, Nm: standard deviation of a block's mean by the scatter of its samples."""
+    """Standard deviation (N, 6) N, Nm of a block's mean, from the scatter of its samples."""
     white = jnp.fmax(blocks.scatter, blocks.stated) / jnp.maximum(blocks.count, 1)
     return jnp.sqrt(CORRELATED * jnp.nan_to_num(white, nan=jnp.inf))
 
 
 def slow_std(blocks: Blocks, layout: Layout) -> Float[Array, " 6"]:
-    """N, Nm: how much the measured bias varies over WINDOW seconds, by the shortest interval that holds CALM of it.
+    """Variation (6,) N, Nm of the measured bias over WINDOW seconds, from the shortest interval that holds CALM of it.
 
     Such an interval ignores the rest, which may be in contact.
     """
@@ -196,7 +196,7 @@ def _shortest(windows: Float[Array, "W S 6"]) -> Float[Array, "W 6"]:
 
 
 def listed(contacts: Contacts, t: np.ndarray, layout: Layout) -> tuple[Contact, ...]:
-    """The contacts of a log one by one, in the order of time; t (N,) s, middles of its blocks."""
+    """The contacts of a log as a list in the order of time; t (N,) s, middles of its blocks."""
     first, _, departure = (np.asarray(x) for x in contacts)
     found, half = [], layout.seconds / 2
     for last in np.flatnonzero(first >= 0):
@@ -207,7 +207,7 @@ def listed(contacts: Contacts, t: np.ndarray, layout: Layout) -> tuple[Contact, 
 
 
 def in_contact(t: np.ndarray, contacts: Sequence[Contact], margin: float = 0.0) -> np.ndarray:
-    """(T,) whether each sample is in a contact, or within the margin s of one; t increases."""
+    """Whether (T,) each sample is in a contact, or within ``margin`` s of one; t increases."""
     inside = np.zeros(len(t), bool)
     for contact in contacts:
         first, last = np.searchsorted(t, [contact.start - margin, contact.end + margin])

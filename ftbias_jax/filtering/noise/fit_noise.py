@@ -1,4 +1,4 @@
-"""The noise of one log, where the setup leaves it open: contact, vibration, slow errors, and what is left."""
+"""The noise of one log, where the setup leaves it open: contact, vibration, slow errors, and enlarged error bars."""
 
 from typing import NamedTuple
 
@@ -19,45 +19,45 @@ from ftbias_jax.runtime.compiled_loops import running_sum
 from ftbias_jax.types import Array
 
 BATCHES = (0.25, 1.0, 5.0)
-"""s: means of the innovations over so long must scatter as the filter says."""
+"""s: durations over which the means of the innovations must scatter as the filter predicts."""
 CHANCE = 3.0
-"""Standard deviations of chance: six axes and three lengths are looked at."""
+"""Standard deviations attributed to chance, because six axes and three durations are tested."""
 FEWEST_BATCHES = 8
 CORRELATION = 3.0
 """Standard deviations of the correlation of neighbours that chance does not reach."""
 SETTLED = 0.5
-"""s at the start that do not count: the prior shows there."""
+"""s at the start that are excluded, because the prior dominates there."""
 FIRST, FAR = 5, 4.0
-"""Blocks at the start whose median is the bias there, and standard deviations of the prior that are too many."""
+"""Blocks at the start whose median is the initial bias, and prior standard deviations beyond which it is an offset."""
 TINY = 1e-30
-"""N^2, Nm^2: a stated variance of zero counts as this, which float32 has, too."""
+"""N^2, Nm^2: replaces a stated variance of zero; also representable in float32."""
 MAD = 1.4826
-"""Standard deviations of normal numbers in their median absolute deviation."""
+"""Ratio of standard deviation to median absolute deviation of normally distributed numbers."""
 
 
 class Noise(NamedTuple):
-    """What a log shows beyond its setup."""
+    """Noise that a log shows beyond its setup."""
 
     contacts: Contacts
     vibration: Vibration
     slow: SlowNoise
-    """As stated, if the setup states it."""
+    """Slow error; as stated, if the setup states it."""
     density: Float[Array, " 6"]
-    """N/s^1.5, Nm/s^1.5 of a bias that wanders more than stated, 0 on axes where it does not."""
+    """N/s^1.5, Nm/s^1.5: density of a bias that wanders more than stated, 0 on axes where it does not."""
     offset: Float[Array, " 6"]
-    """N, Nm: the bias at the start on axes where the prior does not expect it, 0 elsewhere."""
+    """N, Nm: bias at the start minus the prior's mean on axes where the prior does not expect it, 0 elsewhere."""
     inflation: Float[Array, " 6"]
-    """Factor, 1 or more, of the standard deviations of bias and drift: what the innovations still contradict."""
+    """Factor, 1 or more, on the standard deviations of bias and drift that the innovations still contradict."""
     hidden: Float[Array, " 6"]
-    """N, Nm: how far the bias may be off because the tool is touched all along; 0 where the log has free motion."""
+    """N, Nm: possible error of the bias because the tool is touched throughout; 0 where the log has free motion."""
     block_times: Float[Array, " N"]
     """s, middles of the blocks."""
 
 
 def fit_noise(stated: BiasNoise, blocks: Blocks, layout: Layout) -> tuple[BiasNoise, Noise]:
-    """The noise of the filter for this log: what the setup states, and what the log shows where that is left open.
+    """Noise of the filter for this log: what the setup states, and estimates from the log where that is left open.
 
-    Gradients pass through what is stated; what the log shows counts as constant. The blocks are of the whole log.
+    Gradients pass through what is stated; estimates from the log count as constant. The blocks are of the whole log.
     """
     given, (stated, blocks) = stated, jax.lax.stop_gradient((stated, blocks))
     slowly = slow_std(blocks, layout)
@@ -65,7 +65,7 @@ def fit_noise(stated: BiasNoise, blocks: Blocks, layout: Layout) -> tuple[BiasNo
     free = ~contacts.near & (jnp.arange(len(blocks.t)) < blocks.number)
     sensor = jnp.maximum(stated.wrench_variance, TINY)
     vibration = fit_vibration(blocks, layout, free, sensor, taken=stated.vibration is None)
-    # The means of the blocks that are free of contact, less what the prior expects of them.
+    # Means of the blocks that are free of contact, minus the bias that the prior expects.
     variance = vibration.variance(blocks, stated.wrench_variance)
     calm = ~(blocks.scatter > HEAVY * variance)  # a spike moves the mean of its block as well
     y = jnp.where(free[:, None] & calm, blocks.mean - expected(blocks.t, stated), jnp.nan)
@@ -74,7 +74,7 @@ def fit_noise(stated: BiasNoise, blocks: Blocks, layout: Layout) -> tuple[BiasNo
     prior_std = prior_with(stated, offset).reshape(2, 6)
 
     def innovations(slow: SlowNoise, density: Array) -> Array:
-        """(N, 6) of blocks, in their standard deviations."""
+        """Innovations (N, 6) of blocks, in their standard deviations."""
         grid = Grid(jnp.ones((1, 6), means.y.dtype), slow.std[None], slow.time[None])
         found = filter_blocks(means, grid, prior_std, jnp.maximum(density, stated.density))
         return found.innovation[:, 0] / jnp.sqrt(found.variance[:, 0])
@@ -113,18 +113,18 @@ def is_white(innovation: Float[Array, "N 6"]) -> Bool[Array, ""]:
 
 
 def expected(t: Float[Array, " N"], stated: BiasNoise) -> Float[Array, "N 6"]:
-    """N, Nm: the bias that the prior expects at the times t, in s, if its drift goes on.
+    """Bias (N, 6) N, Nm that the prior expects at the times t, in s, if its drift continues.
 
-    The filters of blocks know deviations from it: a prior that is sharp and far from zero is no error of the model.
+    The block filters estimate deviations from it, because a sharp prior far from zero is not an error of the model.
     """
     return stated.prior_mean[None, :6] + (t - t[0])[:, None] * stated.prior_mean[None, 6:12]
 
 
 def offset_of(blocks: Blocks, slow: Float[Array, " 6"], stated: BiasNoise) -> Float[Array, " 6"]:
-    """N, Nm: the measured bias of the first blocks, where it is FAR from what the prior expects; 0 elsewhere.
+    """Measured bias of the first blocks minus the prior's mean, (6,) N, Nm, where it is FAR from it; 0 elsewhere.
 
-    Raw readings of some sensors have offsets of kilonewtons. A filter would reject them as contact for ever. But a
-    model that is a little wrong is off by as much as it varies later on: that is no offset.
+    Raw readings of some sensors have offsets of kilonewtons, which a filter would reject as contact forever. But a
+    slightly wrong model is off by as much as it varies later on, and that is not an offset.
     """
     unmeasured = ~jnp.isfinite(blocks.mean).any(1)
     rows = jnp.argsort(unmeasured, stable=True)[:FIRST]
@@ -135,33 +135,33 @@ def offset_of(blocks: Blocks, slow: Float[Array, " 6"], stated: BiasNoise) -> Fl
 
 
 def prior_with(stated: BiasNoise, offset: Float[Array, " 6"]) -> Float[Array, " 12"]:
-    """Square root of P_0, wide enough for the offset."""
+    """Square root of P_0, (12,), wide enough for the offset."""
     std = stated.prior_std
     return jnp.concatenate([jnp.maximum(std[:6], jnp.abs(offset)), std[6:]])
 
 
 def inflation(t: Float[Array, " N"], white: Float[Array, "N 6"]) -> Float[Array, " 6"]:
-    """By how much means of innovations scatter more than the filter says; 1 where chance explains it.
+    """Factor (6,) by which means of innovations scatter more than the filter predicts; 1 where chance explains it.
 
-    Of innovations ``white`` in their standard deviations at the times t, in s; NaN = not measured.
+    ``white`` holds the innovations in their standard deviations at the times t, in s; NaN = not measured.
     """
     seen = jnp.isfinite(white) & (t - t[0] >= SETTLED)[:, None]
     values = jnp.stack([jnp.where(seen, white, 0), seen.astype(white.dtype)], 1)
     batch = jnp.floor((t - t[0] - SETTLED)[:, None] / jnp.asarray(BATCHES, t.dtype)[None])
-    # Only batches that have samples: a log may pause for longer than all of it lasts.
+    # Only batches with samples are numbered, because a log may pause for longer than the rest of it lasts.
     number = running_sum((jnp.diff(batch, axis=0, prepend=batch[:1]) != 0).astype(int))
     of_all = jax.vmap(lambda x, of: jax.ops.segment_sum(x, of, len(t)), (None, 1))(values, number)
     sums, counts = of_all[:, :, 0], of_all[:, :, 1]  # (3, N, 6)
     occupied = counts > 0
     batches = jnp.maximum(occupied.sum(1), 1)
     ratio = jnp.where(occupied, sums**2 / jnp.maximum(counts, 1), 0).sum(1) / batches
-    chance = 1 + CHANCE * jnp.sqrt(2 / batches)  # of a chi-square
+    chance = 1 + CHANCE * jnp.sqrt(2 / batches)  # of a mean chi-square variable
     enough = occupied.any(2).sum(1) >= FEWEST_BATCHES
     return jnp.where(enough[:, None] & (ratio > chance), jnp.sqrt(ratio), 1).max(0)
 
 
 def with_noise(stated: BiasNoise, noise: Noise) -> BiasNoise:
-    """The noise of the filter with what the log shows; what it does not show is there and zero."""
+    """Noise of the filter with what the log shows; terms that it does not show are present and zero."""
     bias = stated._replace(
         wrench_variance=stated.wrench_variance * taken_level(noise.vibration),
         density=jnp.maximum(noise.density, stated.density),
@@ -175,7 +175,7 @@ def with_noise(stated: BiasNoise, noise: Noise) -> BiasNoise:
 
 
 def from_median(noise: BiasNoise, found: Noise, blocks: Blocks) -> BiasNoise:
-    """The noise of a filter whose bias begins at the median of the log's free blocks, as uncertain as these scatter."""
+    """Noise of a filter whose bias begins at the median of the log's free blocks, with their scatter as uncertainty."""
     measured = jnp.where(found.contacts.inside[:, None], jnp.nan, blocks.mean)
     median = nan_median(measured)
     scatter, seen = MAD * nan_median(jnp.abs(measured - median[None])), jnp.isfinite(median)

@@ -1,9 +1,9 @@
-"""Whether a log has any free motion: where it has none, its bias cannot be told from what touches the tool.
+"""Whether a log has any free motion: where it has none, its bias is indistinguishable from contact forces.
 
-A hand that guides the robot, or a tool that slides on a surface, never pushes alike for a second. What the model of
-the tool misses follows the motion instead, and is small beside the tool's weight: 2 % of it and less in the calmest two
-seconds of recorded logs, where pushed ones have 6 % and more. A push that stays alike from the first to the last sample
-looks like a bias, and nothing can tell it from one.
+A hand that guides the robot, or a tool that slides on a surface, never pushes constantly for a second. Errors of the
+tool model follow the motion instead, and are small beside the tool's weight: 2 % of it and less in the calmest two
+seconds of recorded logs, where pushed ones have 6 % and more. A push that is constant from the first to the last sample
+looks like a bias and cannot be detected.
 """
 
 import jax
@@ -16,31 +16,30 @@ from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.types import Array
 
 WINDOW = 1.0
-"""s in which a push is never steady; windows overlap by half."""
+"""s in which a push is never constant; windows overlap by half."""
 FEWEST_WINDOWS = 6
 OF_NOISE = 4.0
 """Standard deviations of a block's mean that a steady reading does not exceed."""
 OF_TOOL = 0.03
-"""Share of the tool's force that neither its model's error exceeds."""
+"""Share of the tool's force that the variation of a steady reading by errors of its model does not exceed."""
 OF_MOTION = 0.7
-"""N: the same where the controller subtracts the weight, and the reading has no tool to compare with."""
+"""N: the corresponding limit where the controller subtracts the weight, so that there is no tool force to compare."""
 CALM = 0.06
-"""Share of the windows that must be calm, and at least one."""
+"""Share of the windows, and at least one window, that must be calm in a log with free motion."""
 NOTHING, TINY = 1e-3, 1e-30
-"""Share of a column below which the others say all that it says, and a size of columns that are zero."""
+"""Relative size of a column below which it depends linearly on the others, and a size for columns that are zero."""
 MOST_OFF = 4.0
-"""Standard deviations of its prior that a bias may be off it, and what touches may have put there: what is farther off
-is an offset of the sensor."""
+"""Standard deviations of its prior by which contact may have displaced a bias; beyond, it is a sensor offset."""
 
 
 def hidden_bias(blocks: Blocks, tool: Float[Array, "N 6"], layout: Layout, stated: BiasNoise) -> Float[Array, " 6"]:
-    """N, Nm: how far the bias may be off because the tool is touched all along; zeros for a log with free motion.
+    """Possible error (6,) N, Nm of the bias because the tool is touched throughout; zeros for a log with free motion.
 
-    The bias may be anything between what the setup expects and what the log reads in the middle, on each axis by as
-    much as on the worst of force or torque: a push may hide the bias of one axis by chance.
+    The bias may be anything between what the setup expects and the median of the log; each axis gets the worst of force
+    or torque, because a push may hide the bias of one axis by chance.
 
-    The tool's are N, Nm, mean of the wrench in each block that it must cause; zeros where the controller subtracts its
-    weight, so that nothing says how large errors of the model may be.
+    ``tool`` is N, Nm, mean of the wrench in each block that it must cause; zeros where the controller subtracts its
+    weight, which leaves unknown how large model errors may be.
     """
     seen, y, middle = _about_the_middle(blocks)
     scatter = jnp.sqrt((y**2).sum(0) / jnp.maximum(seen.sum(), 1))
@@ -52,7 +51,7 @@ def hidden_bias(blocks: Blocks, tool: Float[Array, "N 6"], layout: Layout, state
 def is_touched_all_along(blocks: Blocks, tool: Float[Array, "N 6"], layout: Layout) -> Bool[Array, ""]:
     """Whether hardly a second of a log is calm; arguments as for ``hidden_bias``."""
     seen, y, _ = _about_the_middle(blocks)
-    # In a calm stretch the reading itself may be steady, but not what is left of it once pushes are fitted elsewhere.
+    # In a calm interval the reading itself may be steady, but not its residual once pushes elsewhere affect the fit.
     read, left = (_loud_windows(blocks, tool, layout, x, seen) for x in (y, _beside_the_model(blocks.t, tool, y, seen)))
     loud, valid = read[0] & left[0], read[1]
     calm = (valid & ~loud).sum()
@@ -60,7 +59,7 @@ def is_touched_all_along(blocks: Blocks, tool: Float[Array, "N 6"], layout: Layo
 
 
 def _about_the_middle(blocks: Blocks) -> tuple[Array, Array, Array]:
-    """Which blocks (N,) are measured, the measured bias (N, 6) less its median, 0 where it is not, and the median."""
+    """Which blocks (N,) are measured, the measured bias (N, 6) minus its median, 0 where it is not, and the median."""
     there = jnp.arange(len(blocks.t)) < blocks.number
     middle = nan_median(jnp.where(there[:, None], blocks.mean, jnp.nan))
     seen = there & jnp.isfinite(blocks.mean).any(1)
@@ -70,7 +69,7 @@ def _about_the_middle(blocks: Blocks) -> tuple[Array, Array, Array]:
 def _beside_the_model(
     t: Float[Array, " N"], tool: Float[Array, "N 6"], y: Float[Array, "N 6"], seen: Array
 ) -> Float[Array, "N 6"]:
-    """What no linear function of the tool's wrench and of its rate explains: neither wrong tool, nor gain, nor lag."""
+    """Residual (N, 6) of y regressed on the tool's wrench and its rate: no wrong tool, gain or lag explains it."""
     rate, passed = jnp.diff(tool, axis=0, append=tool[-1:]), (t - t[0])[:, None]
     X = jnp.where(seen[:, None], jnp.concatenate([jnp.ones_like(passed), passed, tool, rate], 1), 0)
     X = X / jnp.maximum(jnp.sqrt((X**2).sum(0)), TINY)[None]
@@ -81,7 +80,7 @@ def _beside_the_model(
         unit = jnp.where(size > NOTHING, X[:, k] / jnp.maximum(size, NOTHING), 0)
         return (X - unit[:, None] * (unit @ X)[None], y - unit[:, None] * (unit @ y)[None]), None
 
-    # By Gram and Schmidt: a program that calls LAPACK cannot be kept between processes.
+    # Gram-Schmidt is used because a program that calls LAPACK cannot be kept between processes.
     (_, left), _ = jax.lax.scan(project, (X, y), jnp.arange(X.shape[1]))
     return left
 
@@ -89,7 +88,7 @@ def _beside_the_model(
 def _loud_windows(
     blocks: Blocks, tool: Float[Array, "N 6"], layout: Layout, left: Float[Array, "N 6"], seen: Array
 ) -> tuple[Array, Array]:
-    """(W,) windows in which the force is not steady, and those that have enough blocks to tell."""
+    """Windows (W,) in which the force is not steady, and those that have enough blocks to decide."""
     size = max(4, round(WINDOW / layout.seconds))
     number = len(left) // size + 1
     room, half = (number + 1) * size, size // 2

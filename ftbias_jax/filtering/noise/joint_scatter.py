@@ -1,8 +1,8 @@
-"""Joints that are noisier than stated, by what no motion can cause, and velocities that are not those of the positions.
+"""Joint noise above the stated one, by variation that no motion can cause, and velocities inconsistent with positions.
 
 A logger that writes degrees with two decimals makes positions ten times as noisy as their encoder, and a controller
-that smooths velocities makes them late. If they are believed as stated, the wrench of the tool has errors of
-accelerations that nobody made, which look like a filter in the sensor.
+that smooths velocities delays them. If they are used as stated, the tool's wrench has errors from spurious
+accelerations, which look like a filter in the sensor.
 """
 
 from math import comb
@@ -16,38 +16,38 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array, Sample
 
 STRETCHES, SAMPLES = 12, 128
-"""Of a log, that are looked at: so many, of so many samples, evenly spread."""
+"""Number of evenly spread segments of a log that are examined, and samples of each."""
 LOW, HIGH = 4, 6
-"""Orders of differences: each takes away more of a motion, and makes the same of white noise."""
+"""Orders of differences: a higher order removes more of the motion, while the estimate for white noise is the same."""
 FLAT = 1.5
-"""Noise by differences of low order over that of high order: with more of it, motion is in both."""
+"""Ratio of noise by differences of low order to that of high order above which both contain motion."""
 LARGE, SHARE = 0.9, 1.6449
-"""Quantile of sizes of differences by which noise is measured, and its value for a standard normal."""
+"""Quantile of the absolute differences from which noise is estimated, and its value for a standard normal."""
 SLOWEST = 1 / 90
-"""s between rows: differences of slower ones hold frequencies, up to 30 Hz, at which arms do vibrate."""
+"""s between rows; differences of slower rows contain frequencies, up to 30 Hz, at which arms do vibrate."""
 FEWEST = 100
-"""Differences of one column that tell its noise."""
+"""Minimum number of differences of one column to estimate its noise."""
 REGULAR = 0.1
-"""Share by which the steps of time within a difference may vary."""
+"""Relative variation allowed for the time steps within a difference."""
 CHANGES, WHOLE = 20, 0.05
-"""Of a column that tell the step of rounding, and by which a multiple of it may be no whole number."""
+"""Minimum changes of a column to find its rounding step, and how far multiples of it may be from whole numbers."""
 LOUDER = 1.3
-"""Times the stated noise; less is chance."""
+"""Ratio to the stated noise up to which an excess is attributed to chance."""
 WINDOW, LEAST_WINDOWS, FAR = 32, 16, 4.0
-"""Rows over which velocities must add up to the change of the positions, how many such windows tell, and times the
-usual step of time that there may be between two rows."""
+"""Rows over which velocities must integrate to the change of position, minimum number of such windows, and longest time
+between two rows, in median time steps."""
 MORE = 4.0
-"""Variances of a position by which such windows are off at least: twice what the noise of two positions makes."""
+"""Variances of a position that the mean squared error of such windows exceeds: twice the noise of two positions."""
 ALIKE = 0.1
-"""Of the noise of a difference of two positions by its time: velocities nearer to it were worked out so."""
+"""Share of the noise of a difference quotient of positions; velocities closer to the quotient were computed from it."""
 UNUSED = 1e3
-"""rad/s, noise of velocities that tell nothing."""
+"""rad/s, noise assigned to velocities that contain no information."""
 
 
 def no_less_than_shown(noise: JointNoise, samples: Sample) -> JointNoise:
     """Measurement noise as stated, or as large as a log shows it to be where that is clearly more.
 
-    That of velocities that do not follow the positions, or were worked out from them, is UNUSED.
+    Velocities that do not follow the positions, or were computed from them, get the noise UNUSED.
 
     Args:
         noise: as stated.
@@ -68,7 +68,7 @@ def no_less_than_shown(noise: JointNoise, samples: Sample) -> JointNoise:
 
 
 def _spread(length: int) -> Array:
-    """Rows of a log that are looked at: all of a short one."""
+    """Rows of a log that are examined; all rows of a short one."""
     if length <= STRETCHES * SAMPLES:
         return np.arange(length)
     rows: Array = np.linspace(0, length - SAMPLES, STRETCHES).astype(int)[:, None] + np.arange(SAMPLES)
@@ -76,11 +76,11 @@ def _spread(length: int) -> Array:
 
 
 def departs(t: Array, q: Array, dq: Array, position_std: Array) -> Array:
-    """Whether (n,) velocities (T, n) add up to other changes than those of positions (T, n) at t (T,) s.
+    """Whether (n,) velocities (T, n) integrate to other changes than those of positions (T, n) at t (T,) s.
 
-    Over windows of some rows what is off, if it is more than noise of the positions, (n,) rad, is compared with the
-    change of the velocity, as of one that lags, and with the path, as of one of another scale: these explain more of it
-    than they leave. Or else the velocity never changes.
+    Over windows of some rows, an error larger than the noise of the positions, (n,) rad, is regressed on the change of
+    the velocity, as caused by a lag, and on the path, as caused by another scale: these must explain more of it than
+    they leave. Alternatively, the velocity never changes.
     """
     t, q, dq = _where_both(t, q, dq)
     count = len(t) // WINDOW
@@ -90,12 +90,12 @@ def departs(t: Array, q: Array, dq: Array, position_std: Array) -> Array:
     steps = np.diff(t, axis=1)
     near = steps.max(1) < FAR * np.median(steps)
     path = (steps[..., None] * (dq[:, 1:] + dq[:, :-1]) / 2).sum(1)[near]
-    # Of a velocity that bends, trapezoids miss what its slope at the end has more than at the start (Gregory's rule).
+    # For a curved velocity the trapezoidal rule misses the difference of its slopes at end and start (Gregory's rule).
     path -= np.median(steps) / 12 * (dq[:, -1] - dq[:, -2] - dq[:, 1] + dq[:, 0])[near]
     off = (q[:, -1] - q[:, 0])[near] - path
     causes = np.stack([(dq[:, -1] - dq[:, 0])[near], path])
     normal = np.einsum("iwn,jwn->nij", causes, causes)
-    # Of a joint at rest there is nothing to explain it by, and no inverse.
+    # A joint at rest has zero regressors and hence no inverse.
     share = np.einsum("nij,jwn,wn->ni", np.linalg.pinv(normal, hermitian=True), causes, off)
     explained = np.einsum("ni,iwn->wn", share, causes)
     follows = (explained**2).sum(0) > ((off - explained) ** 2).sum(0)
@@ -125,9 +125,9 @@ def _where_both(t: Array, q: Array, dq: Array) -> tuple[Array, Array, Array]:
 def scatter(t: Array, values: Array) -> Array:
     """Standard deviation (n,) of noise in columns (T, n) at t (T,) s; 0 = not known, or hidden by the motion.
 
-    That of white noise from differences of high order between neighbours, at equal steps of time, and no less than that
-    of rounding. Rows that repeat the one before say nothing: there the joints rest, or their stream is slower than the
-    log.
+    White noise is estimated from high-order differences between neighbours at equal steps of time, and is at least the
+    rounding error. Rows that repeat the previous one are ignored: the joints rest there, or their stream is slower than
+    the log.
     """
     new = np.isfinite(values).all(1) & (np.diff(values, axis=0, prepend=np.nan) != 0).any(1)
     t, values = t[new], values[new]
@@ -141,7 +141,7 @@ def scatter(t: Array, values: Array) -> Array:
 
 
 def _by_differences(values: Array, regular: Array, order: int) -> Array:
-    """(n,) of rows (L, n), by those differences of an order between rows whose steps (L - 1,) are all regular."""
+    """Noise (n,) of rows (L, n), from differences of this order between rows whose steps (L - 1,) are all regular."""
     whole = np.lib.stride_tricks.sliding_window_view(regular, order).all(1)
     if whole.sum() < FEWEST:
         return np.zeros(values.shape[1])
@@ -152,9 +152,9 @@ def _by_differences(values: Array, regular: Array, order: int) -> Array:
 
 
 def _by_rounding(values: Array) -> Array:
-    """(n,) of rows (L, n) whose neighbours differ by multiples of one step, whatever the speed.
+    """Rounding noise (n,) of rows (L, n) whose neighbours differ by multiples of one step, whatever the speed.
 
-    The error of rounding stays while a value does: over k rows, in which as much white noise would average out.
+    A rounding error persists while the value does: over k rows, in which equally large white noise would average out.
     """
     sizes = np.abs(np.diff(values, axis=0))
     sizes[sizes == 0] = np.nan
@@ -167,7 +167,7 @@ def _by_rounding(values: Array) -> Array:
 
 
 def remark_of_joints(setup: Setup, params: Params) -> Repairs:
-    """What the owner should know where the parameters of a log have more noise of the joints than the setup states."""
+    """Remarks for the owner where the parameters of a log have more joint noise than the setup states."""
     of_pose = setup.pose is not None
     told = []
     for key, what, shown in (

@@ -1,4 +1,4 @@
-"""What a log shows of its noise, one thing after the other, for people."""
+"""Human-readable description of the noise that a log shows."""
 
 from typing import NamedTuple
 
@@ -13,41 +13,41 @@ from ftbias_jax.io.log import Repair, Repairs
 from ftbias_jax.types import AXES, Array
 
 MARGIN = 0.05
-"""s beside a contact that are left out with it."""
+"""s before and after a contact that are left out with it."""
 TOUCHED = "no free motion: something touches the tool from the first to the last second, and the bias may be off"
 TARE = "do not trust it; tare with nothing at the tool, or record some seconds of free motion"
 BEGUN_AGAIN = "the gate kept out most of what follows the first readings: the bias begins at the log's median instead"
 
 
 class LogNoise(NamedTuple):
-    """What a log shows beyond its setup."""
+    """Contact and noise that a log shows beyond its setup."""
 
     contacts: tuple[Contact, ...]
     vibration: Vibration | None
-    """None = the log is too short to say."""
+    """None = the log is too short to estimate it."""
     slow: SlowNoise | None
     """None = as the setup states."""
     offset: Array
-    """(6,) N, Nm: the bias at the start on axes where the prior does not expect it, 0 elsewhere."""
+    """(6,) N, Nm: bias at the start minus the prior's mean on axes where the prior does not expect it, 0 elsewhere."""
     inflation: Array
-    """(6,) factor, 1 or more, of the standard deviations of bias and drift: what the innovations still contradict."""
+    """(6,) factor, 1 or more, on the standard deviations of bias and drift that the innovations still contradict."""
     begun_again: bool = False
-    """Whether the bias begins at the log's median, because after the first readings the gate kept out most."""
+    """Whether the bias begins at the log's median, because the gate rejected most samples after the first readings."""
     hidden: Array = np.zeros(6)
-    """(6,) N, Nm: how far the bias may be off because the tool is touched all along; 0 = the log has free motion."""
+    """(6,) N, Nm: possible error of the bias because the tool is touched throughout; 0 = the log has free motion."""
     density: Array = np.zeros(6)
-    """(6,) N/s^1.5, Nm/s^1.5 of a bias that wanders more than stated, 0 on axes where it does not."""
+    """(6,) N/s^1.5, Nm/s^1.5: density of a bias that wanders more than stated, 0 on axes where it does not."""
     kept_out: float = 0.0
-    """Share of the free samples that the gate keeps out wherever the bias begins; 0 = it keeps at least half."""
+    """Share of the free samples that the gate rejects wherever the bias begins; 0 = it passes at least half."""
 
 
 def nothing() -> LogNoise:
-    """A log that is as its setup says."""
+    """Noise of a log that agrees with its setup."""
     return LogNoise((), None, None, np.zeros(6), np.ones(6))
 
 
 def told(found: Noise, layout: Layout, *, slow_is_stated: bool) -> LogNoise:
-    """What was found in a log, of NumPy arrays; slow errors that the setup states are none that were found."""
+    """The noise found in a log, as NumPy arrays; slow errors that the setup states do not count as found."""
     contacts, slow = listed(found.contacts, found.block_times, layout), None if slow_is_stated else found.slow
     speed = np.inf if found.vibration.speed is None else float(found.vibration.speed)
     vibration = found.vibration._replace(speed=speed if np.isfinite(speed) else None)
@@ -56,7 +56,7 @@ def told(found: Noise, layout: Layout, *, slow_is_stated: bool) -> LogNoise:
 
 
 def describe(noise: LogNoise) -> list[str]:
-    """Lines that tell a reader what the log shows beyond its setup; none if nothing."""
+    """Lines for a reader on what the log shows beyond its setup; none if nothing."""
     lines = []
     if noise.offset.any():
         words = by_axis(noise.offset, noise.offset != 0, 4)
@@ -92,7 +92,7 @@ def by_axis(values: Array, shown: Array | None = None, digits: int = 2) -> str:
 
 
 def remarks_of_noise(noise: LogNoise) -> Repairs:
-    """What the owner should know: no free motion, or a gate that kept out most of the log; () as a rule."""
+    """Remarks for the owner: no free motion, or a gate that rejected most of the log; () as a rule."""
     told = (Repair(BEGUN_AGAIN),) if noise.begun_again else ()
     if noise.hidden.any():
         return (*told, Repair(f"{TOUCHED}, by {by_axis(noise.hidden)} N, Nm: {TARE}", lost=True))

@@ -1,8 +1,8 @@
-"""A variance fitted to the scatter within the blocks of a log, by Fisher's scoring.
+"""A variance fitted to the scatter within the blocks of a log, by Fisher scoring.
 
 The scatter of a block is Gamma distributed about the variance mu = X b with coefficients b >= 0, so a step of scoring
-is a least-squares fit with the weights dof / mu^2 (McCullagh and Nelder 1989, section 8.3.6). Spikes are
-cut at HEAVY mu.
+is a least-squares fit with the weights dof / mu^2 (McCullagh and Nelder 1989, section 8.3.6). Spikes are clipped at
+HEAVY mu.
 """
 
 from typing import NamedTuple
@@ -16,44 +16,44 @@ from ftbias_jax.runtime.compiled_loops import compile_whole
 from ftbias_jax.types import Array
 
 HEAVY = 6.0
-"""A scatter this many times the usual is no vibration but a spike: it is cut to that."""
+"""Multiple of the variance above which a scatter is a spike rather than vibration; it is clipped there."""
 LEAST_LEVEL = 0.01
-"""Of the stated variance: less is a reading that stands still, or repeats itself."""
+"""Smallest share of the stated variance; with less, the reading is frozen or repeats itself."""
 SWEEPS = 15
-"""Over the coefficients in every step; the next step goes on where they end."""
+"""Sweeps over the coefficients in every scoring step; the next step continues from their result."""
 
 
 class Scatter(NamedTuple):
-    """What variances are fitted to: N blocks, and S choices of what may explain them."""
+    """Data of the fit of variances: N blocks, and S choices of regressors that may explain their scatter."""
 
     value: Float[Array, "N 6"]
-    """N^2, Nm^2."""
+    """N^2, Nm^2: scatter of the samples in each block."""
     dof: Float[Array, "F N 6"]
-    """Of each of F fits; 0 = not to be used."""
+    """Degrees of freedom in each of F fits; 0 = the block is not used."""
     stated: tuple[Float[Array, "N 6"], ...]
     """Parts of the stated variance, of which the scatter may show any share."""
     motion: Float[Array, "S N n"]
-    """(rad/s)^2."""
+    """(rad/s)^2: squared joint speeds of each choice."""
     usual: Float[Array, " 6"]
     """N^2, Nm^2, median of ``value``."""
 
     @property
     def least(self) -> Array:
-        """(N, 6): the variance is never less, as it would be on an axis that stands still."""
+        """Lower limit (N, 6) of the variance, which an axis that stands still would fall below."""
         return LEAST_LEVEL * 1e-3 * sum(self.stated)
 
 
 class Coefficients(NamedTuple):
-    """Of a variance, none negative, for S choices and F fits."""
+    """Non-negative coefficients of a variance, for S choices and F fits."""
 
     shares: Float[Array, "S F 6 K"]
-    """Of the stated parts."""
+    """Coefficients of the stated parts."""
     per_speed: Float[Array, "S F 6 n"]
-    """Of the motion."""
+    """Coefficients of the motion."""
 
 
 def variance_of(data: Scatter, found: Coefficients) -> Float[Array, "S F N 6"]:
-    """N^2, Nm^2 of a sample in each block."""
+    """Variance N^2, Nm^2 of a sample in each block."""
     stated = jnp.stack(data.stated, -1)
     known = jnp.einsum("nak,sfak->sfna", stated, found.shares)
     moving = jnp.einsum("snj,sfaj->sfna", data.motion, found.per_speed)
@@ -61,12 +61,12 @@ def variance_of(data: Scatter, found: Coefficients) -> Float[Array, "S F N 6"]:
 
 
 def log_likelihood(data: Scatter, mu: Float[Array, "S F N 6"]) -> Float[Array, "S F"]:
-    """Nats of the scatter for these variances, up to a constant."""
+    """Log-likelihood, nats, of the scatter for these variances, up to a constant."""
     return -(data.dof[None] * (jnp.log(mu) + jnp.minimum(data.value[None, None] / mu, HEAVY))).sum((-2, -1)) / 2
 
 
 def maximise(data: Scatter, rounds: int) -> Coefficients:
-    """Coefficients that are likeliest, by so many steps of scoring; 0 for what does not occur, as motion at rest."""
+    """Maximum-likelihood coefficients after ``rounds`` scoring steps; 0 for what does not occur, as motion at rest."""
     stated, joints = jnp.stack(data.stated), data.motion.shape[2]
     first, second = np.triu_indices(joints)
     place = np.zeros((joints, joints), int)
@@ -95,7 +95,7 @@ def maximise(data: Scatter, rounds: int) -> Coefficients:
 
 
 def _start(data: Scatter) -> Coefficients:
-    """Half of the usual scatter is due to what is stated, half to all joints alike."""
+    """Initial coefficients: half of the usual scatter by what is stated, half by all joints alike."""
     number, joints = len(data.stated), data.motion.shape[2]
     used = data.dof.max(0) > 0
     of_all = jnp.where(used, sum(data.stated), 0).sum(0) / jnp.maximum(used.sum(0), 1)
@@ -108,9 +108,9 @@ def _start(data: Scatter) -> Coefficients:
 
 
 def _non_negative(matrix: Array, right: Array, start: Array) -> Array:
-    """Least squares with coefficients (K, ...) that are not negative, one after the other, many fits at once.
+    """Non-negative least squares by coordinate descent, for many fits together.
 
-    Of the normal matrices (K, K, ...), the right-hand sides (K, ...) and the coefficients at the start.
+    Takes the normal matrices (K, K, ...), the right-hand sides (K, ...) and the initial coefficients.
     """
 
     @compile_whole

@@ -1,8 +1,8 @@
 """Errors that vary slowly, of the model more than of the sensor: a first-order Gauss-Markov process on each axis.
 
-A filter that knows white noise alone averages such errors as if they were new at every sample, and claims to know the
-bias to a hundredth of what it does. How large they are and how long they last is found by likelihood, on the means of
-blocks: fast noise averages out there, and a log is a few hundred numbers.
+A filter that models only white noise averages such errors as if they were new at every sample, and reports an error of
+the bias a hundred times too small. Their size and duration are estimated by maximum likelihood on the means of blocks:
+fast noise averages out there, and a log is reduced to a few hundred numbers.
 """
 
 from typing import Any, NamedTuple
@@ -18,39 +18,39 @@ from ftbias_jax.types import Array
 
 MOST_BLOCKS = 1000
 LEAST_GAIN = 12.0
-"""nats on an axis, below which its noise is white."""
+"""nats on an axis below which its noise is taken as white."""
 RATIOS, TIMES = 0.3 * 2.0 ** np.arange(7), 8
-"""Standard deviations of the slow error that are tried, in those of a block's mean, and how many correlation times.
-Large and long is likely wherever small and short is, so a coarse grid misses the top of that ridge."""
+"""Trial standard deviations of the slow error, in those of a block's mean, and number of trial correlation times. A
+large, long error is likely wherever a small, short one is, so a coarse grid misses the top of that ridge."""
 WHITE = np.array([1.0, 4.0])
-"""Factors of the variance of a block's mean that are tried: vibration is not quite white."""
+"""Trial factors of the variance of a block's mean, because vibration is not quite white."""
 LEVELS = np.geomspace(0.25, 16, 25)
-"""The same where there is no slow error."""
+"""Trial factors of that variance where there is no slow error."""
 SPREADS = (0.5, 0.2)
-"""Of the two finer grids around the best point."""
+"""Logarithmic spacings of the two finer grids around the best point."""
 
 
 class SlowNoise(NamedTuple):
-    """First-order Gauss-Markov noise; (6,)."""
+    """First-order Gauss-Markov noise of each axis; (6,)."""
 
     std: Float[Array, " 6"]
     """N, Nm; 0 where the noise is white."""
     time: Float[Array, " 6"]
     """s, correlation time."""
     gain: Float[Array, " 6"]
-    """nats over white noise."""
+    """nats, gain of log-likelihood over white noise."""
 
 
 def fit_slow_noise(means: Means, density: Float[Array, " 6"], prior_std: Float[Array, "2 6"]) -> SlowNoise:
-    """Search a grid, then a finer one around its best point, and a finer one around the best of that.
+    """Fit slow noise by a grid search, refined twice around the best point.
 
-    With the density sigma_Q of the bias, and the square root of P_0, of bias and drift.
+    ``density`` is sigma_Q of the bias, ``prior_std`` the square root of P_0, of bias and drift.
     """
     span, step, axes = means.t[-1] - means.t[0], means.seconds, jnp.arange(6)
     unit = jnp.nan_to_num(jnp.sqrt(nan_median(jnp.where(jnp.isfinite(means.y), means.variance, jnp.nan))))
     times = jnp.geomspace(2 * step, jnp.maximum(span / 6, 4 * step), TIMES, dtype=unit.dtype)
     white, ratio = (x.ravel()[:, None] for x in np.meshgrid(WHITE, np.r_[0, RATIOS], indexing="ij"))
-    # White noise of any level, as finely searched: what is gained must be due to the correlation.
+    # White noise of any level is searched as finely, so that a gain must be due to the correlation.
     levels = jnp.broadcast_to(jnp.asarray(LEVELS, unit.dtype)[:, None], (len(LEVELS), 6))
     plain = Grid(levels, 0 * levels, 1 + 0 * levels)
 
@@ -65,7 +65,7 @@ def fit_slow_noise(means: Means, density: Float[Array, " 6"], prior_std: Float[A
     number = len(slow.std)
     near = np.linspace(-2, 2, 5)
     steps = np.stack([x.ravel() for x in np.meshgrid(near[1:4], near, near, indexing="ij")])
-    steps = np.pad(steps, [(0, 0), (0, number - steps.shape[1])])  # points that are missing are the middle once more
+    steps = np.pad(steps, [(0, 0), (0, number - steps.shape[1])])  # missing points repeat the middle
 
     def refine(slow: Grid, spread: Array) -> tuple[Grid, tuple[Grid, Array, Array]]:
         grid = Grid(*map(jnp.concatenate, zip(slow, plain, strict=True)))
@@ -83,13 +83,13 @@ def fit_slow_noise(means: Means, density: Float[Array, " 6"], prior_std: Float[A
 
 
 def nats_of(v: Float[Array, "N G 6"], s: Float[Array, "N G 6"]) -> Float[Array, "G 6"]:
-    """Nats of innovations N, Nm, NaN = not measured, with these variances."""
+    """Log-likelihood, nats, of innovations N, Nm, NaN = not measured, with these variances."""
     seen = jnp.isfinite(v)
     return -jnp.where(seen, jnp.log(jnp.where(seen, s, 1)) + jnp.where(seen, v, 0) ** 2 / s, 0).sum(0) / 2
 
 
 def coarser(means: Means, number: Array) -> Means:
-    """Neighbouring blocks joined until there are at most MOST_BLOCKS; ``number`` () of them are of the log."""
+    """Join neighbouring blocks until there are at most MOST_BLOCKS; ``number`` () of them belong to the log."""
     if len(means.t) <= MOST_BLOCKS:
         return means
     join = coarseness(number)
@@ -112,5 +112,5 @@ def coarser(means: Means, number: Array) -> Means:
 
 
 def coarseness(number: Any) -> Any:
-    """How many of so many neighbouring blocks are joined."""
+    """How many neighbouring blocks are joined into one, for this number of blocks."""
     return -(-number // MOST_BLOCKS) + (number == 0)

@@ -15,47 +15,47 @@ from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.types import Array
 
 SPEEDS = (np.inf, *(0.5 * 2.0**-k for k in range(7)))
-"""rad/s from which vibration may grow with the speed and no longer with its square; inf = never."""
+"""rad/s, trial speeds above which vibration grows with the speed instead of its square; inf = never."""
 ROUNDS, ROUNDS_TO_COMPARE = 10, 5
-"""Of the fit, and of those that only choose between forms."""
+"""Scoring steps of the fit, and of the fits that only choose between forms."""
 FOLD_SECONDS = 5.0
-"""Stretches that go to the two folds in turn."""
+"""s: length of the segments that go to the two cross-validation folds in turn."""
 LEAST_GAIN = 10.0
-"""nats on the unseen fold, over all axes, below which the log does not show that its noise grows with motion."""
+"""nats on the held-out fold, over all axes, below which the log does not show that its noise grows with motion."""
 MOST_BLOCKS = 2000
-"""Of a longer log as many are taken, evenly: they tell the variance to a percent, and more would take minutes."""
+"""Number of blocks taken, evenly, from a longer log: they give the variance to a percent; more would take minutes."""
 LEVEL_WITHIN = 0.1
-"""The stated variance counts if the log's is within this share of it."""
+"""Relative deviation of the log's variance from the stated one up to which the stated one is used."""
 
 
 class Shares(NamedTuple):
-    """How much of each part of the stated variance the scatter of a log shows; (6,), 1 = as stated."""
+    """Ratio of the log's scatter to each part of the stated variance; (6,), 1 = as stated."""
 
     sensor: Float[Array, " 6"]
-    """Of the sensor's own."""
+    """Share of the sensor's own variance."""
     rest: Float[Array, " 6"]
-    """Of all else, mostly of the joints: at rest a log shows less of it than is stated, in motion not."""
+    """Share of all other variance, mostly of the joints; at rest a log shows less than is stated, in motion not."""
 
 
 class Vibration(NamedTuple):
-    """Variance of a sample: at rest, and what the speed of each joint adds."""
+    """Variance of a sample at rest, and the variance that the speed of each joint adds."""
 
     level: Float[Array, " 6"]
-    """Variance of the sensor without motion, in what is stated; 1 where the log agrees."""
+    """Variance of the sensor at rest, relative to the stated one; 1 where the log agrees."""
     per_speed: Float[Array, "n 6"]
     """N^2/(rad/s)^2, Nm^2/(rad/s)^2, not negative."""
     speed: Float[Array, ""] | None
     """rad/s from which it grows with the speed alone (``motion_noise.effective_speed_squared``); inf, None = never."""
     gain: Float[Array, ""]
-    """nats on unseen stretches, of ``per_speed`` over a constant."""
+    """nats on held-out segments, gain of ``per_speed`` over a constant."""
     shares: Shares
-    """Of the stated parts but vibration, beside ``per_speed``."""
+    """Shares of the stated parts except vibration, together with ``per_speed``."""
     taken: Array
-    """() The filter takes ``level`` and ``per_speed``; where the setup states vibration, only innovations are judged by
-    ``per_speed``, in its place, because its form may be another than the stated."""
+    """() whether the filter uses ``level`` and ``per_speed``. Where the setup states vibration, only the judgement of
+    innovations uses ``per_speed`` instead, because its form may differ from the stated one."""
 
     def variance(self, blocks: Blocks, sensor: Float[Array, " 6"]) -> Float[Array, "N 6"]:
-        """N^2, Nm^2 of a sample in each block; ``sensor`` is what is stated of the sensor alone."""
+        """Variance (N, 6) N^2, Nm^2 of a sample in each block; ``sensor`` is the stated one of the sensor alone."""
         motion = effective_speed_squared(jnp.sqrt(blocks.motion), self.speed) @ self.per_speed
         more = jnp.asarray((self.level - 1) * sensor)[None] + motion
         return blocks.stated + jnp.where(self.taken, more, 0)
@@ -64,11 +64,11 @@ class Vibration(NamedTuple):
 def fit_vibration(
     blocks: Blocks, layout: Layout, free: Float[Array, " N"], sensor: Float[Array, " 6"], taken: bool = True
 ) -> Vibration:
-    """Variance of samples by maximum likelihood: the scatter of a block is Gamma distributed about the model.
+    """Fit the variance of samples by maximum likelihood: the scatter of a block is Gamma distributed about the model.
 
-    Whether motion matters, and from which speed on it does less, is judged on stretches that were not fitted. Only
-    blocks count in which nothing touches (``free``). ``sensor`` is stated of the sensor alone, N^2, Nm^2, and the
-    filter takes what is found (``taken``) unless the setup states the noise in motion.
+    Whether motion matters, and above which speed it matters less, is decided on held-out segments. Only blocks without
+    contact (``free``) count. ``sensor`` is the stated variance of the sensor alone, N^2, Nm^2; the filter uses the
+    result (``taken``) unless the setup states the noise in motion.
     """
     blocks, free, every = _thinned(blocks, free)
     dof, value = blocks.count - 2.0, blocks.scatter
@@ -77,11 +77,11 @@ def fit_vibration(
     calm = jnp.where(usable, blocks.stated - blocks.shaking, sensor[None])
     middle = nan_median(jnp.where(usable[:, None], jnp.stack([value, calm], 1), jnp.nan))
     usual, stated = jnp.nan_to_num(middle[0], nan=1.0), jnp.nan_to_num(middle[1])
-    speed = jnp.sqrt(blocks.motion)  # it hardly changes in a block
+    speed = jnp.sqrt(blocks.motion)  # the speed hardly changes in a block
     speeds = jnp.stack([effective_speed_squared(speed, most) for most in SPEEDS])
     fold = (jnp.arange(len(blocks.t)) // jnp.maximum(1, jnp.round(FOLD_SECONDS / layout.seconds / every))) % 2
     sides = jnp.stack([fold == 0, fold == 1])[:, :, None]
-    # The form is chosen, and the level read, in what is stated as a whole: its parts are told apart less surely.
+    # Form and level are estimated relative to the whole stated variance, because its parts are separated less reliably.
     choices = jnp.concatenate([jnp.zeros_like(speeds[:1]), speeds])
     fitted = maximise(Scatter(value, dof[None] * sides, (calm,), choices, usual), ROUNDS_TO_COMPARE)
     unseen = Scatter(value, dof[None] * sides[::-1], (calm,), choices, usual)
@@ -90,7 +90,7 @@ def fit_vibration(
     gain = nats[1 + best] - nats[0]
     moves = gain > LEAST_GAIN
     motion = jnp.where(moves, speeds[best], 0)[None]
-    # As a whole and in parts in one fit of two columns, of which the first has nothing in the second.
+    # The whole and its parts are fitted with two columns each; for the whole the second one is zero.
     sensors = jnp.broadcast_to(sensor[None], calm.shape)
     columns = jnp.stack([jnp.stack([calm, sensors]), jnp.stack([jnp.zeros_like(calm), jnp.maximum(calm - sensors, 0)])])
 
@@ -111,7 +111,7 @@ def fit_vibration(
 
 
 def _thinned(blocks: Blocks, free: Array) -> tuple[Blocks, Array, Array]:
-    """MOST_BLOCKS blocks at most, whether they are free, and each how many of them is taken."""
+    """At most MOST_BLOCKS blocks, whether they are free of contact, and the step between blocks that are taken."""
     every = jnp.maximum(1, -(-blocks.number // MOST_BLOCKS))
     if len(blocks.t) <= MOST_BLOCKS:
         return blocks, free, every
@@ -122,10 +122,10 @@ def _thinned(blocks: Blocks, free: Array) -> tuple[Blocks, Array, Array]:
 
 
 def _sensor_level(level: Array, stated: Array, sensor: Array) -> Array:
-    """The level of the whole variance as one of the sensor's alone.
+    """Level of the sensor's own variance from the level of the whole variance.
 
-    The joints' errors last longer than a block, so its scatter may lack their share: what is missing of less than that
-    share does not make the sensor better than stated.
+    The joints' errors last longer than a block, so its scatter may lack their share: a deficit smaller than that share
+    does not make the sensor better than stated.
     """
     more, less = 1 + (level - 1) * stated / sensor, jnp.minimum(level * stated / sensor, 1)
     found = jnp.maximum(jnp.where(level > 1, more, less), LEAST_LEVEL)
@@ -133,10 +133,10 @@ def _sensor_level(level: Array, stated: Array, sensor: Array) -> Array:
 
 
 def taken_level(found: Vibration) -> Float[Array, " 6"]:
-    """Variance of the sensor that the filter takes, in what is stated: never less.
+    """Sensor variance that the filter uses, relative to the stated one; never less than 1.
 
-    On recorded logs with less noise than stated, a filter that believes it gives up more of the readings and claims to
-    know the bias better than it does.
+    On recorded logs with less noise than stated, a filter that uses the lower level rejects more of the readings and
+    reports a smaller error of the bias than it has.
     """
     return jnp.where(found.taken, jnp.maximum(found.level, 1), 1)
 
@@ -144,9 +144,9 @@ def taken_level(found: Vibration) -> Float[Array, " 6"]:
 def taken_variance(
     stated: BiasNoise, found: Vibration, variance: Float[Array, "T 6"], velocity: Float[Array, "T n"]
 ) -> Float[Array, "T 6"]:
-    """Diagonal of R that the filter takes, N^2, Nm^2, without correlated noise; never less than is stated.
+    """Diagonal of R that the filter uses, N^2, Nm^2, without correlated noise; never less than is stated.
 
-    ``found`` was found in the log with the stated noise, of which ``variance`` is the diagonal of R.
+    ``found`` is the vibration found in the log with the stated noise, of which ``variance`` is the diagonal of R.
     """
     more = ((taken_level(found) - 1) * stated.wrench_variance)[None] + _growth(stated, found, velocity)
     return variance + jnp.where(found.taken, more, 0)
@@ -155,24 +155,24 @@ def taken_variance(
 def shown_variance(
     stated: BiasNoise, found: Vibration, variance: Float[Array, "T 6"], velocity: Float[Array, "T n"]
 ) -> Float[Array, "T 6"]:
-    """The same as the scatter of the log shows it, which may be less; arguments as for ``taken_variance``.
+    """Diagonal of R, N^2, Nm^2, as the log's scatter shows it, which may be less; arguments as for ``taken_variance``.
 
-    The bias and its error bars rest on what is stated, at least. What the next reading may be is another question, and
-    the log answers it: at rest, for one, the joints add less noise than in the motion that sets theirs.
+    The bias and its error bars use the stated noise, at least. The noise of the next reading is taken from the log: at
+    rest, for example, the joints add less noise than in the motion that determines theirs.
     """
     sensor, shares = stated.wrench_variance[None], found.shares
     shaking = stated_shaking(stated, velocity)
-    # An effect of the setup may make the sensor quieter: there is then nothing beside it, and not less than nothing.
+    # An effect of the setup may make the sensor quieter than stated; the remainder is then zero, not negative.
     rest = jnp.maximum(variance - sensor - (0 if shaking is None else shaking), 0)
     return shares.sensor[None] * sensor + shares.rest[None] * rest + _growth(stated, found, velocity)
 
 
 def stated_shaking(stated: BiasNoise, velocity: Float[Array, "T n"]) -> Float[Array, "T 6"] | None:
-    """N^2, Nm^2: white vibration that the setup states, at the velocities in rad/s; None = none."""
+    """White vibration, N^2, Nm^2, that the setup states, at the velocities in rad/s; None = none."""
     motion = vibration(stated, velocity)
     return None if motion is None else white_share(stated, motion)
 
 
 def _growth(stated: BiasNoise, found: Vibration, velocity: Array) -> Array:
-    """(T, 6) N^2, Nm^2: white vibration that the log shows."""
+    """White vibration (T, 6) N^2, Nm^2 that the log shows."""
     return white_share(stated, MotionNoise(found.per_speed, found.speed).variance(velocity))

@@ -1,7 +1,7 @@
-"""A bias that wanders more than is stated: how much, by likelihood on the means of blocks, and whether it is the bias.
+"""A bias that wanders more than stated: its density by likelihood on block means, and a test that it is the bias.
 
-An error of the model that follows a smooth motion is described by a bias that wanders, too. But it comes back with the
-motion, while white noise that is integrated twice goes the further the longer the log is.
+A model error that follows a smooth motion is also described by a wandering bias. But it returns with the motion,
+whereas doubly integrated white noise departs further the longer the log is.
 """
 
 from typing import NamedTuple
@@ -15,25 +15,25 @@ from ftbias_jax.filtering.noise.slow_noise import LEAST_GAIN, LEVELS, nats_of
 from ftbias_jax.types import Array
 
 FACTORS = 2.0 ** np.arange(-1, 15)
-"""Densities that are tried, in those that are stated."""
+"""Trial densities, in units of the stated ones."""
 LEAST_WENT, LEAST_WENT_OF_ALL = 0.01, 0.1
-"""Of the mean square by which a bias leaves a straight line, what one with the density that was found does leave it by:
-on an axis, and in the mean over all that wander. Less in 1 of 1000 logs, with three axes in 4 of 1000."""
+"""Smallest ratio of the bias's mean-square departure from a straight line to that expected at the fitted density: on an
+axis, and in the mean over all that wander. It is smaller in 1 of 1000 logs, with three axes in 4 of 1000."""
 
 
 class Wander(NamedTuple):
-    """How much the bias wanders; (6,)."""
+    """How much the bias of each axis wanders; (6,)."""
 
     density: Float[Array, " 6"]
-    """N/s^1.5, Nm/s^1.5."""
+    """N/s^1.5, Nm/s^1.5: most likely density."""
     gain: Float[Array, " 6"]
-    """nats over the stated density with white noise of any level."""
+    """nats, gain of log-likelihood over the stated density with white noise of any level."""
     wanders: Bool[Array, " 6"]
-    """Where that is more than chance, and the bias goes as far as it says."""
+    """Whether the gain exceeds chance and the bias departs as far as this density implies."""
 
 
 def fit_wander(means: Means, density: Float[Array, " 6"], prior_std: Float[Array, "2 6"]) -> Wander:
-    """The likeliest density of each axis; density: as stated; prior_std: square root of P_0, of bias and drift."""
+    """Most likely density of each axis; density: as stated; prior_std: square root of P_0, of bias and drift."""
     count, dtype = len(FACTORS), density.dtype
     levels = jnp.repeat(jnp.asarray(np.r_[np.ones(count), LEVELS], dtype)[:, None], 6, 1)
     densities = jnp.asarray(np.r_[FACTORS, np.ones(len(LEVELS))], dtype)[:, None] * density[None]
@@ -58,9 +58,9 @@ def most_likely(nats: Float[Array, "G 6"]) -> tuple[Array, Array]:
 
 
 def goes_far(wanders: Bool[Array, " 6"], went: Float[Array, " 6"]) -> Bool[Array, " 6"]:
-    """Of axes that wander, those on which the bias goes far enough; none if it does not in the mean over these.
+    """Axes, among those that wander, on which the bias goes far enough; none if it does not in the mean over these.
 
-    How far it ``went`` is the mean square from a straight line per that of the density; NumPy or JAX.
+    ``went`` is the ratio of its mean-square departure from a straight line to that expected; NumPy or JAX.
     """
     xp = went.__array_namespace__()
     wanders = wanders & (went > LEAST_WENT)
@@ -69,10 +69,10 @@ def goes_far(wanders: Bool[Array, " 6"], went: Float[Array, " 6"]) -> Bool[Array
 
 
 def departures(t: Float[Array, " N"], y: Float[Array, "N 6"], variance: Float[Array, "N 6"]) -> tuple[Array, Array]:
-    """How far a bias y goes from a straight line, mean square (6,), and one of unit density; NumPy or JAX.
+    """Mean-square departure (6,) of a bias y from a straight line, and that expected for unit density; NumPy or JAX.
 
-    White noise that is integrated twice over T departs from its own line by sigma_Q^2 T^3 / 420. The variance is of
-    the noise of y; NaN = not measured.
+    Doubly integrated white noise over T departs from its own line by sigma_Q^2 T^3 / 420. The variance is of the noise
+    of y; NaN = not measured.
     """
     xp = y.__array_namespace__()
     seen = xp.isfinite(y)

@@ -1,1 +1,1 @@
-"""How good a filtered log is: consistency, summary, observability, plots."""
+"""Quality of a filtered log: consistency, summary, observability, plots."""

@@ -1,4 +1,4 @@
-"""What a filtered log expects of its later readings: bias and drift that go on, slow errors that are forgotten."""
+"""Forecast of the readings after each sample of a filtered log: bias and drift continue, slow errors decay."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ if TYPE_CHECKING:
 
 Times = tuple[Array | None, Array | None]
 SOONER = 2.0
-"""A log of a few correlation times may show one this many times too long, and the standard deviation allows that. On
-recorded logs without it 87 % of readings were in their 95 % intervals 10 s ahead."""
+"""Factor by which a log of a few correlation times may overestimate the correlation time, allowed for in the standard
+deviation. Without it, 87 % of readings of recorded logs were in their 95 % intervals 10 s ahead."""
 
 
 class Forecast(NamedTuple):
-    """What wrench_tool - reading should be some seconds after each sample, in free motion."""
+    """Expected wrench_tool - reading some seconds after each sample, in free motion."""
 
     mean: Array
     """(T, 6) N, Nm."""
     std: Array
-    """(T, 6) N, Nm: standard deviation of a single reading about it, with all its noise."""
+    """(T, 6) N, Nm: standard deviation of a single reading about the mean, with all its noise."""
 
 
 def forecast(result: FilterResult, seconds: float) -> Forecast:
-    """Expect the bias with its drift, and of the slow error of now the share exp(-seconds / correlation time).
+    """Forecast the bias with its drift, plus the share exp(-seconds / correlation time) of the present slow error.
 
-    A reading tells the sum of bias and slow error to within white noise, but hardly what of it is which: their errors
-    are opposite and equally large. So what is not known of the bias matters as far as the slow error is forgotten.
+    A reading determines the sum of bias and slow error to within white noise, but hardly their split: their errors are
+    opposite and equally large. So the uncertainty of the bias matters only as far as the slow error has decayed.
     """
     noise = result.params.bias
     times = (noise.drift_time, noise.correlated_time)
@@ -41,19 +41,19 @@ def forecast(result: FilterResult, seconds: float) -> Forecast:
         return Forecast(mean, np.sqrt(result.bias_std**2 + of_drift + white))
     kept = np.exp(-seconds / np.asarray(noise.correlated_time, float))
     slow = np.broadcast_to(np.asarray(noise.correlated_std, float) ** 2, result.bias.shape)
-    known = np.where(slow > 0, kept**SOONER, 0.0)  # without slow errors all that is not known of the bias stays
+    known = np.where(slow > 0, kept**SOONER, 0.0)  # without slow errors the whole uncertainty of the bias stays
     variance = ((1 - known) * result.bias_std) ** 2 + of_drift + white - known**2 * slow
     return Forecast(mean, np.sqrt(variance))
 
 
 def expected_ahead(bias: Array, drift: Array, slow_error: Array | None, times: Times, seconds: float | Array) -> Array:
-    """What wrench_tool - reading should be later: (T, 6) N, Nm.
+    """Expected wrench_tool - reading at a later time: (T, 6) N, Nm.
 
     Args:
         bias: (T, 6) N, Nm.
         drift: (T, 6) N/s, Nm/s.
-        slow_error: (T, 6) N, Nm; None = none was told from the bias.
-        times: in which the filter's drift and slow error are forgotten, s, in any shape that broadcasts; None = never.
+        slow_error: (T, 6) N, Nm; None = none was separated from the bias.
+        times: decay times of the filter's drift and slow error, s, in any shape that broadcasts; None = no decay.
         seconds: how far ahead, () or (T, 1).
     """
     drift_time, correlated_time = times
@@ -64,7 +64,7 @@ def expected_ahead(bias: Array, drift: Array, slow_error: Array | None, times: T
 
 
 def _moved_by_drift(drift_time: Array | None, seconds: float | Array) -> float | Array:
-    """s by which a drift moves the bias: fewer than have passed, where it reverts to zero; a time of inf = never."""
+    """Time, s, for which a drift moves the bias: less than elapsed where it reverts to zero; a time of inf = never."""
     if drift_time is None:
         return seconds
     times = np.asarray(drift_time, float)

@@ -1,7 +1,7 @@
-"""Logs of a tool that nobody has weighed: where the sensor does not turn, its weight is a part of the bias.
+"""Logs of a tool of unknown weight: where the sensor does not turn, the weight is part of the bias.
 
-A constant weight and a constant bias are one number to the sensor. What changes, contact and drift, can be had without
-the tool; what the weight is, only from a log that turns it.
+A constant weight and a constant bias are indistinguishable to the sensor. Contact and drift, which change, can be found
+without the tool; the weight itself only from a log that turns it.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,15 +19,15 @@ from ftbias_jax.setup.types import COMPENSATED, Setup
 from ftbias_jax.types import Array
 
 LEAST_TURN = np.radians(3.0)
-"""rad, rms of gravity's direction as seen from the sensor: what turns less is not told from a bias that drifts."""
+"""rad, rms of gravity's direction in the sensor frame; a smaller turn is indistinguishable from a drifting bias."""
 PART, MOST_ROWS = 1 << 16, 2000
-"""Samples of a log read at once, and those of them that are looked at."""
+"""Samples of a log read at once, and maximum number of them that are examined."""
 HEAVIEST = (100.0, 10.0)
-"""N, Nm: what a tool of unknown mass may weigh, as prior of the bias."""
+"""N, Nm: possible weight of a tool of unknown mass, as prior standard deviation of the bias."""
 TOLD = 1e-6
-"""N that the weight of a kilogram must change to be worth a word."""
+"""N, smallest change of the weight of a kilogram that is reported."""
 RESTS = 0.01
-"""rad (m): joints that move less make no acceleration worth telling of."""
+"""rad (m): joints that move less make no acceleration worth reporting."""
 TURN_IT = "turn the sensor by 30 degrees or more about two horizontal axes, and touch nothing"
 
 
@@ -35,9 +35,9 @@ class RangeOfMotion(NamedTuple):
     """How far a log moves the sensor."""
 
     turn: float
-    """rad, rms of the direction of gravity as seen from the sensor."""
+    """rad, rms of the direction of gravity in the sensor frame."""
     most: float
-    """N by which the weight of one kilogram changes, at most."""
+    """N, largest change of the weight of one kilogram."""
     travel: float
     """rad (m), the largest range of a joint, or of an entry of the pose."""
 
@@ -48,10 +48,10 @@ class RangeOfMotion(NamedTuple):
 
 
 def weight_in_bias(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> tuple[Setup, Repairs]:
-    """A setup to filter a log with whose tool is not known, and what its owner should know; stated tools stay.
+    """The setup to filter a log of an unknown tool with, and remarks for its owner; stated tools stay.
 
     Without mass or centre of mass it predicts nothing of the tool, and its bias may be as large as a weight: the bias
-    of the result is then that of the sensor less the tool's weight. ``parts``: samples at once -> the log in parts.
+    of the result is then that of the sensor minus the tool's weight. ``parts``: samples per part -> the log in parts.
 
     Raises:
         SetupError: the log turns the sensor, so that the tool must be known.
@@ -79,7 +79,7 @@ def weight_in_bias(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> tuple
 
 
 def rest_in_words(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> str:
-    """What a log can show that does not turn the sensor; "" if it does. Arguments as for ``weight_in_bias``."""
+    """What a log that does not turn the sensor can show; "" if it turns it. Arguments as for ``weight_in_bias``."""
     motion = motion_of(setup, parts)
     if motion.rests:
         return f"at rest: bias and noise show, nothing else ({TURN_IT})"
@@ -92,7 +92,7 @@ def rest_in_words(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> str:
 
 
 def require_motion(setup: Setup, log: Log, file: str = "") -> None:
-    """Refuse a log of an arm at rest for what needs motion.
+    """Refuse a log of an arm at rest where motion is needed.
 
     Raises:
         LogError: the arm stands still.
@@ -103,7 +103,7 @@ def require_motion(setup: Setup, log: Log, file: str = "") -> None:
 
 
 def motion_of(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> RangeOfMotion:
-    """How far a log moves the sensor, by the rows that have the joints or the orientation."""
+    """Range of motion of the sensor in a log, from the rows that have the joints or the orientation."""
     down, low, high = [np.empty((0, 3))], [], []
     for part in parts(PART):
         q = part.q[np.isfinite(part.q[:, :4] if setup.pose else part.q).all(1)]

@@ -1,4 +1,4 @@
-"""Are the filter's own error bars right? NIS and NEES against their chi-square bounds, and whiteness of innovations."""
+"""Consistency of the filter's error bars: NIS and NEES against chi-square bounds, and whiteness of innovations."""
 
 from typing import NamedTuple
 
@@ -7,11 +7,11 @@ import numpy as np
 from ftbias_jax.types import Array
 
 LAGS = 20
-"""Lags, in samples, that the whiteness of the innovations is judged on."""
+"""Number of lags, in samples, over which the whiteness of the innovations is tested."""
 
 
 class Average(NamedTuple):
-    """An average of chi-square variables and where 95 % of such averages lie if the model is right."""
+    """An average of chi-square variables and the interval that contains 95 % of such averages if the model is right."""
 
     value: float
     low: float
@@ -24,16 +24,16 @@ class Average(NamedTuple):
 
 
 class Consistency(NamedTuple):
-    """Of the wrench innovations of one log; leading axis of 6 axes."""
+    """Consistency of the wrench innovations of one log; leading axis of 6 axes."""
 
     nis: Average
     """Mean normalised innovation squared per measured axis; 1 if all is right."""
     axis_nis: np.ndarray
-    """(6,) the same by axis; above 1: noise understated or an effect unmodelled, below 1: noise overstated."""
+    """(6,) mean NIS of each axis; above 1: noise understated or an effect unmodelled, below 1: noise overstated."""
     lag_one: np.ndarray
     """(6,) correlation of neighbouring innovations; 0 for a right model."""
     lag_one_bound: np.ndarray
-    """(6,) 95 % bound of its size under a right model."""
+    """(6,) 95 % bound on its magnitude for a right model."""
     ljung_box: np.ndarray
     """(6,) Ljung-Box statistic over LAGS lags, divided by LAGS: 1 for a right model."""
 
@@ -51,7 +51,7 @@ def mean_chi_square(squares: Array, dof: int) -> Average:
 
 
 def chi_square_quantile(probability: float, dof: float) -> float:
-    """Quantile by Wilson and Hilferty (1931); for dof above 30 within 0.1 %."""
+    """Chi-square quantile by Wilson and Hilferty (1931); for dof above 30 within 0.1 %."""
     from statistics import NormalDist
 
     spread = 2 / (9 * dof)
@@ -79,7 +79,7 @@ def check(innovation: Array, nis_of_axes: Array) -> Consistency:
 
 
 def verdict(result: Consistency) -> str:
-    """One sentence about a check."""
+    """One sentence that summarises a check."""
     nis = result.nis
     inside = f"NIS per axis {nis.value:.3f}, 95 % of right models lie in {nis.low:.3f} to {nis.high:.3f}"
     if not np.isfinite(result.lag_one).any():
@@ -95,7 +95,7 @@ def verdict(result: Consistency) -> str:
 
 
 def format_check(result: Consistency) -> str:
-    """The consistency of the filter as a small table and a sentence."""
+    """Consistency of the filter as a small table and a sentence."""
     rows = {
         "NIS (1 = right)": result.axis_nis,
         "correlation of neighbours": result.lag_one,

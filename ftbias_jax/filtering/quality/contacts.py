@@ -1,4 +1,4 @@
-"""The wrench of each interval of contact, with its error, summed up while the parts of a result go by."""
+"""The wrench of each interval of contact, with its error, accumulated over the parts of a result."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -12,20 +12,20 @@ from ftbias_jax.types import Array
 
 
 class ContactInterval(NamedTuple):
-    """A stretch of a log in which something touches the tool; wrenches on the tool, sensor frame."""
+    """An interval of a log in which something touches the tool; wrenches on the tool, sensor frame."""
 
     start: float
-    """s, as recorded: its first sample."""
+    """s, as recorded: stamp of its first sample."""
     end: float
-    """s, its last sample."""
+    """s, stamp of its last sample."""
     samples: int
     wrench: Array
     """(6,) N, Nm: mean of contact_wrench; NaN on axes that were not measured."""
     std: Array
-    """(6,) N, Nm: root mean square of contact_wrench_std, the error of one sample. The mean's error is between that of
-    the bias, which all samples share, and this."""
+    """(6,) N, Nm: root mean square of contact_wrench_std, the error of one sample. The error of the mean is between
+    that of the bias, which all samples share, and this."""
     peak: Array
-    """(6,) N, Nm: contact_wrench where it is largest, axis by axis."""
+    """(6,) N, Nm: contact_wrench of largest magnitude, axis by axis."""
 
     def plain(self) -> dict[str, Any]:
         """Numbers and lists for JSON; what has no value is None."""
@@ -33,17 +33,17 @@ class ContactInterval(NamedTuple):
 
 
 Sums = tuple[tuple[float, float], int, Array, Array, Array, Array]
-"""Of the samples of a contact in one part: stamps of the first and the last, how many, and by axis how many were
-measured, their sum, the sum of squared standard deviations, and the largest."""
+"""Sums over the samples of a contact in one part: stamps of the first and the last, number of samples, and by axis the
+number measured, their sum, the sum of squared standard deviations, and the largest."""
 
 
 def start(contacts: Sequence[Contact]) -> list[list[Sums]]:
-    """Before the first part, for contacts that were found in the log."""
+    """Empty sums before the first part, for contacts that were found in the log."""
     return [[] for _ in contacts]
 
 
 def add(tallies: list[list[Sums]], contacts: Sequence[Contact], part: Filtered, log_start: float) -> list[list[Sums]]:
-    """Take in the next part of the result, in s as recorded, ``log_start`` s after the own time of log and contacts."""
+    """Add the next part of the result, whose stamps are ``log_start`` s after the time of log and contacts."""
     wrench, std = part.contact_wrench, part.contact_wrench_std
     if not contacts or wrench is None or std is None:
         return tallies
@@ -63,7 +63,7 @@ def _sums(t: Array, wrench: Array, std: Array) -> list[Sums]:
 
 
 def finish(tallies: Sequence[Sequence[Sums]]) -> tuple[ContactInterval, ...]:
-    """The intervals in which there are samples."""
+    """The contact intervals that contain samples."""
     found = []
     for times, samples, *of_axes in (zip(*sums, strict=True) for sums in tallies if sums):
         measured, total, squares, largest = map(np.array, of_axes)

@@ -1,12 +1,11 @@
-"""What a log cannot tell from the bias: errors of the tool.
+"""Errors of the tool that are indistinguishable from the bias.
 
-The weight reads m g and m c x g. What of that is constant looks like a bias, so an error of the stated mass m or centre
-of mass c shows only as far as g turns, as seen from the sensor: mass by any turning, c along a direction n by that part
-of it which is perpendicular to n.
+The weight causes the readings m g and m c x g. Their constant part looks like a bias, so an error of the stated mass m
+or centre of mass c is observable only as far as g turns in the sensor frame: mass by any turn, c along a direction n by
+the part of the turn of g that is perpendicular to n.
 
-A tool that is stated wrongly by d theta shifts the reading by D d theta, and the bias takes that up: it is no noise,
-and does not average out. Nobody knows how much of it the bias has taken up at a sample, so all of it counts in the
-error bars.
+A tool stated wrongly by d theta shifts the reading by D d theta, and the bias absorbs that: it is not noise, and does
+not average out. How much of it the bias has absorbed at a sample is unknown, so all of it counts in the error bars.
 """
 
 from dataclasses import replace
@@ -25,20 +24,20 @@ from ftbias_jax.setup.types import Setup, ToolSetup
 from ftbias_jax.types import Array
 
 POSES = 64
-"""Poses that are looked at in each part of a log."""
+"""Number of poses that are examined in each part of a log."""
 NAMES = ("bias_std", "contact_wrench_std", "bias_smooth_std")
-"""Arrays of a result that contain the errors of tool and effects."""
+"""Arrays of a result that include the errors of tool and effects."""
 EXACT = np.zeros(3)
-"""m/s^2: what is not known of accelerations where no accelerometer is used."""
+"""m/s^2: standard deviation of accelerations where no accelerometer is used."""
 
 
 def start() -> Array:
-    """Before the first part: (0, 3) unit vectors along gravity, sensor frame."""
+    """Empty tally before the first part: (0, 3) unit vectors along gravity, sensor frame."""
     return np.empty((0, 3))
 
 
 def add(down: Array, params: Params, part: Filtered) -> Array:
-    """Take in poses of the next part."""
+    """Add poses of the next part."""
     if not len(part.t) or not (np.any(params.gravity) and np.any(params.theta)):  # no weight is in the reading
         return down
     rows = np.linspace(0, len(part.t) - 1, POSES).astype(int)
@@ -47,7 +46,7 @@ def add(down: Array, params: Params, part: Filtered) -> Array:
 
 
 def unobservable(down: Array) -> list[str]:
-    """What of the tool is indistinguishable from the bias, in words; [] if the sensor turns about two axes."""
+    """Tool parameters that are indistinguishable from the bias, in words; [] if the sensor turns about two axes."""
     spread = np.cov(down.T, bias=True)
     if np.trace(spread) < LEAST_TURN**2:
         return ["mass", "center_of_mass"]
@@ -59,7 +58,7 @@ def unobservable(down: Array) -> list[str]:
 
 
 def remarks(down: Array) -> Repairs:
-    """What the owner of a log should know of its motion; () if it shows enough."""
+    """Remark for the owner of a log that turns the sensor too little; () if it turns enough."""
     if len(down) and (hidden := unobservable(down)):
         what = f"the sensor turns too little: errors of the tool's {' and '.join(hidden)} would look like bias"
         return (Repair(what),)
@@ -74,10 +73,10 @@ def _down(params: Params, joints: Array) -> Array:
 
 
 def error_of_tool(wrench_tool: Array, tool: ToolSetup, acceleration_std: Array = EXACT) -> Array:
-    """(T, 6) N, Nm, standard deviation of the tool's wrench (T, 6) by the standard errors that the setup states.
+    """Standard deviation (T, 6) N, Nm of the tool's wrench (T, 6) from the standard errors that the setup states.
 
-    An error of the mass scales the wrench, with centre and inertia for each kg as stated; an error c of the centre adds
-    c x f to the torque. An accelerometer's error ``acceleration_std`` (3,) m/s^2 acts on the mass at its centre.
+    An error of the mass scales the wrench, with centre of mass and inertia per kg as stated; an error c of the centre
+    adds c x f to the torque. An accelerometer's error ``acceleration_std`` (3,) m/s^2 acts on the mass at its centre.
     """
     variance = np.zeros(np.shape(wrench_tool))
     fx, fy, fz = np.square(tool.mass * np.asarray(acceleration_std))
@@ -93,7 +92,7 @@ def error_of_tool(wrench_tool: Array, tool: ToolSetup, acceleration_std: Array =
 
 
 def with_error_of_model(filtered: Filtered, setup: Setup, acceleration_std: Array = EXACT) -> Filtered:
-    """A result whose error bars contain those of tool, effects and accelerometer, which the filter takes as known."""
+    """A result whose error bars include those of tool, effects and accelerometer, which the filter takes as known."""
     tool, of_effects = setup.tool, setup.bias.model_std
     known = tool.mass_std is None and tool.center_of_mass_std is None and of_effects is None
     if known and not np.any(acceleration_std):
@@ -105,7 +104,7 @@ def with_error_of_model(filtered: Filtered, setup: Setup, acceleration_std: Arra
 
 
 def remark_of_model(setup: Setup) -> Repairs:
-    """What the owner should know about error bars that contain those of tool and effects; () if the setup has none."""
+    """Remarks for the owner on error bars that include those of tool and effects; () if the setup has none."""
     tool, of_effects = setup.tool, setup.bias.model_std
     stated = [f"{tool.mass_std:.2g} kg"] if tool.mass_std is not None else []
     if tool.center_of_mass_std is not None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ftbias_jax.filtering.result import Filtered
 
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
-"""Okabe and Ito's blue, vermilion and green: told apart by colour-blind readers."""
+"""Blue, vermilion and green by Okabe and Ito, distinguishable by colour-blind readers."""
 BANDS = (
     "Bands: ± 2 standard deviations (95 %). Of the bias: given the readings so far, with the errors of the tool that "
     "the setup states. Dashed: of one reading, by its noise and the bias's error together."
@@ -27,9 +27,9 @@ MAX_POINTS = 4000
 
 
 def plot_filtered(filtered: Filtered, title: str, true_bias: Array | None = None) -> Figure:
-    """A panel an axis: the bias with its 2 sigma band, and below it what the corrected wrench leaves of the tool model.
+    """One panel per axis: the bias with its 2 sigma band, and below it the corrected wrench minus the tool model.
 
-    The band of what is left is what noise and the bias's own error fill in 95 % of the samples; samples not used
+    The band of this residual is what noise and the bias's own error fill in 95 % of the samples; samples not used
     (gated, or something touched the tool) are marked. The true bias is (T, 6) N, Nm if it is known.
     """
     figure = new_figure()

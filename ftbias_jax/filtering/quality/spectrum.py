@@ -8,23 +8,23 @@ from ftbias_jax.filtering.quality.consistency import chi_square_quantile
 from ftbias_jax.types import AXES, Array
 
 SEGMENT_SECONDS = 2.0
-"""The spectrum is averaged over half-overlapping segments of this length: its resolution is 0.5 Hz. Those of a log
-that is too short for FEWEST_SEGMENTS are shorter, but not below SHORTEST_SEGMENT s."""
+"""s; the spectrum is averaged over half-overlapping segments of this length, for a resolution of 0.5 Hz. A log too
+short for FEWEST_SEGMENTS has shorter ones, but not below SHORTEST_SEGMENT s."""
 FEWEST_SEGMENTS, SHORTEST_SEGMENT = 7, 0.5
 BASELINE_HERTZ = 12.0
-"""The noise beside a line is the median of the spectrum within this distance."""
+"""Hz; the noise beside a line is the median of the spectrum within this distance."""
 FALSE_ALARMS = 1e-3
-"""Of one log of white noise, over all frequencies and axes."""
+"""Probability of a false line in one log of white noise, over all frequencies and axes."""
 LEAST_RATIO = 3.0
-"""Times the noise beside it: a spectrum that only slopes shows no line."""
+"""Minimum ratio of a line to the noise beside it, so that a merely sloping spectrum shows no line."""
 SHARP_BINS = 3.0
-"""Width at half power of a constant tone seen through a Hann window, with room; a wider peak is a resonance."""
+"""Bins at half power of a constant tone seen through a Hann window, with margin; a wider peak is a resonance."""
 MAINS = (50.0, 60.0)
-"""Hz."""
+"""Hz, frequencies of the mains."""
 LEAST_SEEN = 0.5
-"""Share of the samples of an axis that must be there."""
+"""Minimum share of the samples of an axis that must be measured."""
 MOST_TOLD = 6
-"""Peaks that are written out."""
+"""Maximum number of peaks that are reported."""
 
 
 class Line(NamedTuple):
@@ -37,7 +37,7 @@ class Line(NamedTuple):
     amplitude: Array
     """(6,) N, Nm: of a tone with the power of the peak; 0 on axes that do not show it."""
     sharp: bool
-    """As narrow as a constant tone; otherwise it is a resonance, or a tone that moves."""
+    """Whether the peak is as narrow as a constant tone; otherwise it is a resonance or a tone that moves."""
     mains: float
     """Hz: 50 or 60 if this is a multiple of it, or the alias of one; 0 otherwise."""
 
@@ -45,8 +45,8 @@ class Line(NamedTuple):
 def find_lines(t: Array, innovation: Array) -> list[Line]:
     """Peaks of Welch's spectrum (1967) above the noise beside them, strongest first; none for a log of less than 2 s.
 
-    As high as white noise would show them in one log of a thousand. Of innovations (T, 6) N, Nm, NaN = not used, at the
-    stamps t (T,) s; short gaps count as zeros.
+    White noise would show a peak as high in one log of a thousand. The innovations are (T, 6) N, Nm, NaN = not used, at
+    the stamps t (T,) s; short gaps count as zeros.
     """
     if len(t) < 2:
         return []
@@ -70,7 +70,7 @@ def find_lines(t: Array, innovation: Array) -> list[Line]:
     noise = _baseline(spectrum, max(8, round(BASELINE_HERTZ / df)))
     usable = seen.mean(0) > LEAST_SEEN
     ratio = np.where(usable & (noise > 0), spectrum / np.where(noise > 0, noise, 1), 0)
-    ratio[:2] = 0  # the bias is there
+    ratio[:2] = 0  # the lowest bins contain the bias
     edges = np.flatnonzero(np.diff(np.r_[False, ratio.max(1) > threshold, False].astype(int)))
     pieces = [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
     lines = [_line(piece, spectrum - noise, ratio, df, rate, threshold) for piece in pieces]
@@ -105,7 +105,7 @@ def _welch(x: Array, size: int) -> tuple[Array, int]:
 
 
 def _baseline(spectrum: Array, reach: int) -> Array:
-    """(F, 6) median of the spectrum within so many bins."""
+    """Median (F, 6) of the spectrum within ``reach`` bins."""
     if len(spectrum) <= reach:
         return np.broadcast_to(np.median(spectrum, axis=0), spectrum.shape)
     padded = np.pad(spectrum, [(reach, reach), (0, 0)], mode="reflect")
@@ -113,7 +113,7 @@ def _baseline(spectrum: Array, reach: int) -> Array:
 
 
 def _line(piece: slice, excess: Array, ratio: Array, df: float, rate: float, threshold: float) -> Line:
-    """The peak in one run of frequencies."""
+    """The peak in one run of frequencies above the threshold."""
     shown = ratio[piece].max(0) > threshold
     around = slice(max(piece.start - 2, 0), piece.stop + 2)
     power = np.where(shown, np.maximum(excess[around], 0), 0)
@@ -127,7 +127,7 @@ def _line(piece: slice, excess: Array, ratio: Array, df: float, rate: float, thr
 
 
 def _is_harmonic(frequency: float, base: float, rate: float, near: float) -> bool:
-    """Whether one of the first ten multiples of a frequency, or its alias at this rate, is here."""
+    """Whether one of the first ten multiples of ``base``, or its alias at this sampling rate, is near a frequency."""
     multiples = base * np.arange(1, 11)
     folded = np.abs(multiples - rate * np.round(multiples / rate))
     return bool((np.abs(folded - frequency) < near)[: 10 if rate > 20 * base else 4].any())

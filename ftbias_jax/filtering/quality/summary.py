@@ -1,4 +1,4 @@
-"""How well the tool model and the bias explain a filtered log, summed up while its parts go by."""
+"""How well the tool model and the bias explain a filtered log, accumulated over its parts."""
 
 from typing import NamedTuple
 
@@ -10,17 +10,17 @@ from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.types import AXES, Array
 
 AHEAD = 1.0
-"""s: how far ahead the reading is predicted."""
+"""s, horizon of the forecast whose error is summarised."""
 WORSE = 1.1
-"""Factor from which a residual is larger than the reading itself."""
+"""Factor by which a residual must exceed the variation of the reading to count as worse."""
 MODEL_OFF = 0.05
-"""Share of the samples, outside of contact, from which on what the gate keeps out is a finding about the model."""
+"""Share of the samples, outside of contact, above which rejection by the gate indicates an error of the model."""
 FAR = 8.0
-"""Standard deviations: noise does not do that."""
+"""Standard deviations that noise does not reach."""
 
 
 class Moments(NamedTuple):
-    """Count, mean and sum of squares about the mean of numbers by axis; each (6,)."""
+    """Count, mean and sum of squares about the mean of values by axis; each (6,)."""
 
     count: Array
     mean: Array
@@ -28,14 +28,14 @@ class Moments(NamedTuple):
 
 
 class Tally(NamedTuple):
-    """Sums over the samples so far."""
+    """Running sums over the samples so far."""
 
     moments: tuple[Moments, ...]
-    """Of the wrench as read, of the corrected one minus the tool model, of the error of predicting it AHEAD, and of the
-    corrected one minus the tool model where the gate kept it out and nothing is known to touch the tool."""
+    """Moments of the raw wrench, of the corrected wrench minus the tool model, of the error of predicting it AHEAD, and
+    of the corrected wrench minus the tool model where the gate rejected it and no contact is known."""
     counts: Array
-    """(5,) sum of the NIS, measured axes of all samples that the filter took in, samples, those of which it took in
-    nothing, and those with an axis FAR off its prediction that it did take in."""
+    """(5,) sum of the NIS, measured axes of all used samples, samples, samples that are not used at all, and used
+    samples with an axis FAR off its prediction."""
     first: float
     """s, the first stamp."""
     recent: tuple[Array, ...] | None
@@ -49,44 +49,44 @@ class Summary(NamedTuple):
 
     samples: int
     gated: int
-    """Of them, not used."""
+    """Number of them that were not used."""
     off: int
-    """Of them, measured, not used, and outside of what was found to be contact."""
+    """Number of them that were measured but not used, outside of the contacts that were found."""
     off_rms: Array
-    """There: rms of corrected wrench minus tool model; NaN = there are none."""
+    """Rms of corrected wrench minus tool model at those samples; NaN = there are none."""
     far: int
-    """Of them, used with an axis FAR standard deviations off its prediction or farther."""
+    """Number of used samples with an axis FAR standard deviations off its prediction or farther."""
     seconds: float
     bias: Array
-    """At the end, with drift N/s, Nm/s and standard deviations."""
+    """Bias at the end of the log, with drift N/s, Nm/s and standard deviations."""
     bias_std: Array
     drift: Array
     drift_std: Array
     raw_std: Array
     """Standard deviation of the wrench as read."""
     residual_std: Array
-    """Standard deviation of corrected wrench minus tool model; a fast bias process makes it small by itself."""
+    """Standard deviation of corrected wrench minus tool model; a fast bias process alone makes it small."""
     one_second_rms: Array
-    """Error of the reading that ``FilterResult.forecast`` expected one second earlier, which a bias process cannot make
+    """Rms error of the reading that ``FilterResult.forecast`` expected one second earlier; no bias process makes it
     small."""
     mean_nis: float
     """Mean normalised innovation squared per measured axis; 1 for a right model."""
 
 
 def start() -> Tally:
-    """Before the first part."""
+    """Empty tally before the first part."""
     nothing = Moments(np.zeros(6), np.zeros(6), np.zeros(6))
     return Tally((nothing,) * 4, np.zeros(5), np.nan, None, None)
 
 
 def add(tally: Tally, part: Filtered, noise: BiasNoise) -> Tally:
-    """Take in the next part, filtered with this noise; parts without a wrench change nothing."""
+    """Add the next part, filtered with this noise; parts without a wrench change nothing."""
     if not len(part.t):
         return tally
     raw = part.wrench_unbiased - part.bias
     # One-second-ahead errors use the newest state at least one second old.
     slow = np.zeros((len(part.t), 6), part.bias.dtype) if part.slow_error is None else part.slow_error
-    # Before any reading counted there is the prior alone, which predicts nothing.
+    # Before the first used reading there is only the prior, which predicts nothing.
     before = tally.recent is not None and len(tally.recent[0]) > 0
     measured = np.isfinite(part.innovation)
     used = np.ones(len(measured), bool) if measured.all() else measured.any(1)
@@ -95,7 +95,7 @@ def add(tally: Tally, part: Filtered, noise: BiasNoise) -> Tally:
     recent = states if tally.recent is None else tuple(map(np.concatenate, zip(tally.recent, states, strict=True)))
     t, bias, drift, slow = recent
     past = np.searchsorted(t, part.t - AHEAD, side="right") - 1
-    known = slice(int(np.searchsorted(past, 0)), None)  # they increase
+    known = slice(int(np.searchsorted(past, 0)), None)  # ``past`` increases
     past = past[known]
     elapsed = (part.t[known] - t[past])[:, None]
     times = (noise.drift_time, noise.correlated_time)
@@ -103,7 +103,7 @@ def add(tally: Tally, part: Filtered, noise: BiasNoise) -> Tally:
     far = np.abs(part.innovation) > FAR * part.innovation_std
     keep = max(np.searchsorted(t, part.t[-1] - AHEAD, side="right") - 1, 0)
     residual = part.wrench_unbiased - part.wrench_tool
-    # Where nobody looked for contact, all that the gate kept out may be some.
+    # If contact was not searched for, any sample that the gate rejected may be contact.
     off = ~used & (False if part.in_contact is None else ~part.in_contact)
     values = (raw, residual, raw[known] - predicted, residual[off & np.isfinite(residual).any(1)])
     moments = tuple(map(_merge, tally.moments, values))
@@ -114,7 +114,7 @@ def add(tally: Tally, part: Filtered, noise: BiasNoise) -> Tally:
 
 
 def finish(tally: Tally) -> Summary:
-    """The summary of what was added; at least one sample."""
+    """The summary of the parts that were added; needs at least one sample."""
     last = tally.last
     assert last is not None
     with np.errstate(invalid="ignore"):
@@ -130,13 +130,13 @@ def finish(tally: Tally) -> Summary:
 
 
 def worse_than_raw(summary: Summary) -> bool:
-    """Whether force or torque, once corrected, lie farther off the tool model than they vary as read."""
+    """Whether corrected force or torque deviates more from the tool model than it varies as read."""
     raw, residual = (np.nansum(x.reshape(2, 3) ** 2, axis=1) for x in (summary.raw_std, summary.residual_std))
     return bool((residual > WORSE**2 * raw).any())
 
 
 def format_summary(summary: Summary) -> str:
-    """A table an engineer can read, one column an axis."""
+    """The summary as a table for engineers, one column per axis."""
     rows = {
         "bias at the end": summary.bias,
         "  ± 1 sigma": summary.bias_std,
@@ -155,7 +155,7 @@ def format_summary(summary: Summary) -> str:
 
 
 def _gate_lines(summary: Summary) -> list[str]:
-    """What the gate did, or could do. Where very many samples are off, the model may be wrong, which no gate mends."""
+    """Lines on rejected samples. If very many are off, the model may be wrong, which no gate corrects."""
     if summary.off > MODEL_OFF * summary.samples:
         force, torque = (np.sqrt(np.nansum(x**2)) for x in (summary.off_rms[:3], summary.off_rms[3:]))
         share = f"{summary.off} samples ({summary.off / summary.samples:.0%}) outside of contact"
@@ -169,7 +169,7 @@ def _gate_lines(summary: Summary) -> list[str]:
 
 
 def _merge(sums: Moments, values: Array) -> Moments:
-    """Moments with more values (T, 6), NaN = none (Chan, Golub and LeVeque 1979)."""
+    """Moments after adding values (T, 6), NaN = none (Chan, Golub and LeVeque 1979)."""
     seen = np.isfinite(values)
     is_whole = bool(seen.all())
     more = np.full(values.shape[1], len(values)) if is_whole else seen.sum(0)

@@ -1,1 +1,1 @@
-"""What a user calls: a log filtered or smoothed from a setup alone."""
+"""Functions for users: filter or smooth a log, given a setup alone."""

@@ -1,4 +1,4 @@
-"""The verb of filtering: everything it needs is in a setup and a log."""
+"""The function ``filter_log``, which needs only a setup and a log."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -33,11 +33,11 @@ from ftbias_jax.setup import GivenSetup, Setup, as_setup
 
 
 def _nobody(done: int) -> None:
-    """Progress that nobody wants to know."""
+    """Progress callback that does nothing."""
 
 
 class Choices(TypedDict, total=False):
-    """What ``filter_log`` may be asked for."""
+    """Options of ``filter_log``."""
 
     smooth: bool
     as_stated: bool
@@ -65,36 +65,36 @@ def filter_log(
     effects: Sequence[Effect] = (),
     executor: Executor | None = None,
 ) -> FilterResult | FilterResults:
-    """Bias, drift and corrected wrench of a log or of many logs, each from the wrench samples before it.
+    """Bias, drift and corrected wrench of one log or of many, at each sample from the wrench up to it.
 
-    The joints are smoothed, for a recording has their future too. Contact, vibration and slow errors are taken from the
-    log where the setup leaves them open (``[bias] adapt = false`` does not), and standard deviations that the log
-    contradicts are enlarged. Computes in float64 whatever JAX's setting is, on the processor unless JAX is told to use
-    another device, and keeps compiled programs in the user's cache folder (``FTBIAS_CACHE=off`` does not).
+    The joints are smoothed, because a recording also holds their future. Contact, vibration and slow errors are
+    estimated from the log where the setup leaves them open (not with ``[bias] adapt = false``), and standard deviations
+    that the log contradicts are enlarged. Computes in float64 whatever JAX's setting is, on the CPU unless JAX is told
+    to use another device, and keeps compiled programs in the user's cache folder (not with ``FTBIAS_CACHE=off``).
 
     Args:
-        setup: robot, sensor, tool and noise, or its path. A tool of unknown mass is part of the bias, if the log does
-            not turn it.
-        log: what ``read_log`` gives, or its path. Or many of them, in a list or from a generator, which are taken one
-            at a time, on an accelerator in sets: logs of all lengths share a few compiled programs, and each result is
-            that of the log alone.
+        setup: robot, sensor, tool and noise, or its path. The weight of a tool of unknown mass is part of the bias, if
+            the log does not turn it.
+        log: from ``read_log``, or its path. Or many of them, in a list or from a generator, which are taken one at a
+            time, on an accelerator in sets: logs of all lengths share a few compiled programs, and each result is the
+            same as for the log alone.
         smooth: add the bias given past and future.
-        as_stated: as a filter on the robot would: joints from the past alone, noise and gate as the setup states. The
-            joints' process noise is then LAG_GUARD times the likeliest.
-        unchecked: do not look first whether the setup can be right (``check_setup``); ``print`` says so if it is not.
+        as_stated: filter as on the robot: joints from the past alone, noise and gate as the setup states. The joints'
+            process noise is then LAG_GUARD times the most likely.
+        unchecked: do not check first whether the setup can be right (``check_setup``); ``print`` reports if it is not.
         fields: names of the arrays that the result keeps beside t and log_likelihood, the others are None; () = all,
-            which takes 0.8 kB a sample. ``summary`` and all else of the result are worked out from the whole.
+            which takes 0.8 kB a sample. ``summary`` and all else of the result are computed from the whole.
         progress: called with the number of samples done so far, of all logs.
-        effects: of your own that the setup states.
-        executor: of many logs: its workers filter them, by ``concurrent.futures``, Dask's ``Client.get_executor()``,
-            ``mpi4py.futures`` or ``loky``. They read paths themselves; what is sent to them can be pickled.
+        effects: your own effects that the setup states.
+        executor: for many logs: its workers filter them, by ``concurrent.futures``, Dask's ``Client.get_executor()``,
+            ``mpi4py.futures`` or ``loky``. They read paths themselves; what is sent to them must be picklable.
 
     Returns:
-        arrays at the stamps of the wrench; ``print`` shows what ``ftbias filter`` prints. Of many logs a sequence of
-        such results in their order, with None for a log that cannot be read or filtered: ``errors`` says why.
+        arrays at the stamps of the wrench; ``print`` shows what ``ftbias filter`` prints. For many logs a sequence of
+        such results in their order, with None for a log that cannot be read or filtered: ``errors`` states why.
 
     Raises:
-        UsageError: there is no log, or no field of such a name. Of a single log FtbiasError: it cannot be read or
+        UsageError: there is no log, or no field of such a name. For a single log FtbiasError: it cannot be read or
             filtered.
     """
     require_fields(fields)
@@ -112,7 +112,7 @@ def filter_log(
         nonlocal done
         if isinstance(result, FilterResult):
             done += len(result.t)
-            if not in_turn:  # otherwise the log told of itself
+            if not in_turn:  # otherwise the log itself reports progress
                 progress(done)
 
     if in_turn:
@@ -150,10 +150,10 @@ def filter_with_setup(
     warn: Callable[[str], None] = lambda line: None,
     write: Callable[[Iterator[Filtered], Callable[[], About]], None] | None = None,
 ) -> Steps[FilterResult]:
-    """One log, the road of ``filter_log`` and of ``ftbias filter``, by a setup with all effects; errors as there.
+    """Filter one log with a setup that has all effects: steps of ``filter_log`` and ``ftbias filter``; errors as there.
 
-    Before anything is computed ``warn`` is called with each mistake of the setup. If there is ``write``, it takes the
-    parts of the result as they come, and what belongs to them once the last one has come; the arrays of the result are
+    Before anything is computed, ``warn`` is called with each mistake of the setup. If ``write`` is given, it receives
+    the parts of the result as they come, and their metadata once the last one has come; the arrays of the result are
     then those of the last part.
     """
     if isinstance(log, OpenLog):

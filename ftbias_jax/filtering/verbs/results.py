@@ -1,4 +1,4 @@
-"""What filtering and smoothing a log from a setup gives back, in memory; and many logs in one call."""
+"""Results of filtering and smoothing one log or many logs from a setup, in memory."""
 
 import os
 from collections.abc import Sequence
@@ -25,28 +25,28 @@ from ftbias_jax.runtime.many import Results
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FilterResult(Filtered):
-    """Result of filtering a log: the arrays of ``Filtered``, in float64, and what belongs to them."""
+    """Result of filtering a log: the arrays of ``Filtered``, in float64, with parameters, noise, summary and checks."""
 
     params: Params
-    """The parameters that the filter used; arrays of JAX."""
+    """Parameters that the filter used; JAX arrays."""
     noise: LogNoise
-    """What the log shows of contact and noise beyond its setup."""
+    """Contact and noise that the log shows beyond its setup."""
     joint_model: str
     """Key of process_models.JOINT_MODELS."""
     repairs: Repairs
-    """What was left out of the log, and what its owner should know."""
+    """What was left out of the log, and remarks for its owner."""
     start: float
     """s, stamp of the log's first sample."""
     summary: Summary
     """The numbers that ``print`` shows."""
     checked: Check
-    """Mistakes of the setup that the log shows; none if nobody looked."""
+    """Mistakes of the setup that the log shows; none if this was not checked."""
     contacts: tuple[ContactInterval, ...] = ()
-    """Intervals in which something touches the tool: their wrench and its error."""
+    """Intervals in which something touches the tool, with their wrench and its error."""
     frame: str = ""
-    """The sensor's frame, as a recording of ROS names it."""
+    """Frame of the sensor as named in a ROS recording."""
     provenance: Provenance | None = None
-    """What it was made from, as files say it."""
+    """Origin of the result, as written to files."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -67,18 +67,18 @@ class FilterResult(Filtered):
         every: int = 1,
         rate: float | None = None,
     ) -> None:
-        """Write the arrays, whole or not at all; those of a filter are the file that ``ftbias filter`` writes.
+        """Write the arrays, whole or not at all; those of a filter make the file that ``ftbias filter`` writes.
 
-        Samples are left out, never averaged: what is written of the others is what the filter computed from all of
-        them. Estimates lose nothing by that; of the reading (wrench_unbiased, contact_wrench, innovation) vibration
-        above half the output's rate folds to lower frequencies.
+        Samples are left out, never averaged: the others are written as the filter computed them from all samples.
+        Estimates lose nothing by that; in the reading (wrench_unbiased, contact_wrench, innovation), vibration above
+        half the output's rate aliases to lower frequencies.
 
         Args:
             path: the file; its suffix names the format: .npz, .csv, .parquet or .mcap.
             fields: names of the arrays to write, to which t is added; () = all.
             precision: "single" (float32, seven digits; t and the log likelihood are double all the same) or "double".
-            every: write each sample of so many, from the first on.
-            rate: Hz, instead: write the first sample at or after each tick of such a clock.
+            every: write one sample out of this many, starting with the first.
+            rate: Hz, instead: write the first sample at or after each tick of a clock of this rate.
 
         Raises:
             UsageError: no format has this suffix, a field does not exist, or a number is impossible. OutputError: the
@@ -89,7 +89,7 @@ class FilterResult(Filtered):
         save_results(path, named_arrays(self), About(self.frame, self.provenance, contacts, selection))
 
     def forecast(self, seconds: float) -> Forecast:
-        """What wrench_tool - reading should be so many seconds after each sample, with its standard deviation.
+        """Expected wrench_tool - reading this many seconds after each sample, with its standard deviation.
 
         Args:
             seconds: 0 or more.
@@ -111,7 +111,7 @@ class FilterResult(Filtered):
         return "\n".join([*self.warnings, self.numbers()])
 
     def numbers(self) -> str:
-        """What ``print`` shows beside the warnings: the summary, noise and contact of the log, the joints' noise."""
+        """What ``print`` shows beside the warnings: summary, noise and contact of the log, joints' process noise."""
         what = "pose" if isinstance(self.params.arm, FreeBody) else "joint"
         density = " ".join(f"{float(x):.3g}" for x in self.params.joint.process_density)
         of_joints = f"{what} process noise ({self.joint_model}): {density}"
@@ -131,7 +131,7 @@ def require_fields(names: Sequence[str]) -> None:
 
 
 def only(result: FilterResult, names: Sequence[str]) -> FilterResult:
-    """The result with t, log_likelihood and the arrays so named; () = with all."""
+    """The result with only t, log_likelihood and the named arrays; () = all arrays."""
     left_out = {*ARRAYS} - {*names, "t", "log_likelihood"} if names else set[str]()
     nothing: dict[str, Any] = dict.fromkeys(left_out)
     return replace(result, **nothing)
@@ -144,7 +144,7 @@ def _require(result: FilterResult, what: str, names: Sequence[str]) -> None:
 
 
 class FilterResults(Results[FilterResult]):
-    """A sequence of results in the order of the logs; None = the log could not be filtered, and ``errors`` says why."""
+    """A sequence of results in the order of the logs; None = the log could not be filtered, ``errors`` states why."""
 
     def __str__(self) -> str:
         done = [result for result in self.results if result is not None]

@@ -1,4 +1,4 @@
-"""Parameters back to a setup that states them: the inverse of ``params_for_log``."""
+"""Write parameters back into a setup that states them: the inverse of ``params_for_log``."""
 
 from dataclasses import replace
 from typing import Any
@@ -23,10 +23,10 @@ BIAS = {"density": "noise_density", "drift_time": "drift_time"}
 SENSOR = {"wrench_variance": "noise_std", "correlated_std": "correlated_std", "correlated_time": "correlated_time"}
 """Field of JointNoise or BiasNoise -> the key that states it, in the section of that name."""
 VIBRATION = {"vibration": "variance", "vibration_speed": "speed"}
-"""The same, under [effects.vibration]."""
+"""Field of BiasNoise -> the key that states it, under [effects.vibration]."""
 NOISE = {*JOINTS, *BIAS, *SENSOR, *VIBRATION, "data_variance"}
 ROUND_OFF = 100
-"""Numbers that differ by fewer units of the parameters' precision are the same."""
+"""Numbers that differ by fewer units of the parameters' precision count as equal."""
 
 
 @in_float64
@@ -34,11 +34,11 @@ def setup_with(setup: Setup, params: Params, *, guarded: bool = True) -> Setup:
     """The setup with the noise of some parameters, to be saved; a number that did not change keeps its digits.
 
     Args:
-        setup: that the parameters were made of.
-        params: as ``params_for_log`` gives them, with other noise of joints, bias, sensor or motion. Sigma_D is written
-            as ``data_noise.entries``.
-        guarded: whether the joints' process noise is that of a filter, as ``params_for_log`` gives it: ``LAG_GUARD``
-            times what a setup states. False for the noise itself.
+        setup: from which the parameters were made.
+        params: from ``params_for_log``, with other noise of joints, bias, sensor or motion. Sigma_D is written as
+            ``data_noise.entries``.
+        guarded: whether the joints' process noise is that of a filter, as from ``params_for_log``: ``LAG_GUARD`` times
+            what a setup states. False for the noise itself.
 
     Raises:
         UsageError: noise that is not finite or has another shape, such as that of many logs; or parameters that differ
@@ -49,7 +49,7 @@ def setup_with(setup: Setup, params: Params, *, guarded: bool = True) -> Setup:
         params = params._replace(joint=params.joint._replace(process_density=density))
     stated = params_from_setup(setup)
     before, after = _fields(stated), _fields(params)
-    if setup.sensor.rezeroed:  # the log has added what the tool makes its first pose read
+    if setup.sensor.rezeroed:  # ``params_for_log`` added the tool's wrench in the first pose
         after["prior_mean"] = before["prior_mean"]
     precision = ROUND_OFF * float(np.finfo(np.asarray(params.theta).dtype).eps)
     changed = [name for name, was in before.items() if not _same(was, after[name], precision, name in NOISE)]
@@ -57,9 +57,9 @@ def setup_with(setup: Setup, params: Params, *, guarded: bool = True) -> Setup:
         _require_noise(name, stated, after[name])
     noise: dict[str, Any] = {name: None if after[name] is None else np.asarray(after[name], float) for name in changed}
     variance = noise.get("wrench_variance")
-    if variance is not None:  # a log of poses without accelerations has the variance of these in it
+    if variance is not None:  # for poses without accelerations it includes their variance
         noise["wrench_variance"] = np.sqrt(np.maximum(variance - unknown_acceleration(setup), 0))
-        setup = with_noise_as_known(setup)  # whose effect would multiply it
+        setup = with_noise_as_known(setup)  # because that effect would multiply it
     joints, bias, sensor = (
         {key: noise[name] for name, key in keys.items() if name in noise} for keys in (JOINTS, BIAS, SENSOR)
     )
@@ -74,7 +74,7 @@ def setup_with(setup: Setup, params: Params, *, guarded: bool = True) -> Setup:
 
 
 def _fields(params: Params) -> dict[str, Any]:
-    """Everything in the parameters by name; priors of joints and bias apart."""
+    """All fields of the parameters by name; priors of joints and bias separately."""
     joint, bias = params.joint._asdict(), params.bias._asdict()
     priors = {"joint.prior_std": joint.pop("prior_std"), "bias.prior_std": bias.pop("prior_std")}
     rest = {name: x for name, x in params._asdict().items() if name not in ("joint", "bias")}
@@ -82,7 +82,7 @@ def _fields(params: Params) -> dict[str, Any]:
 
 
 def _same(one: Any, two: Any, precision: float, by_entry: bool) -> bool:
-    """Whether two trees of arrays are the same but for round-off, of every entry or of the largest one of its array."""
+    """Whether two trees of arrays are equal up to round-off, of every entry or of the largest one of its array."""
     structures: list[Any] = [jax.tree.structure(one), jax.tree.structure(two)]
     if structures[0] != structures[1]:
         return False
@@ -95,7 +95,7 @@ def _same(one: Any, two: Any, precision: float, by_entry: bool) -> bool:
 
 
 def _require_noise(name: str, stated: Params, value: Any) -> None:
-    """Refuse what no noise of this setup can be."""
+    """Refuse values that cannot be noise of this setup."""
     if name not in NOISE:
         remedy = "setup_with writes noise alone; change the setup itself, such as setup.tool, and make params of it"
         raise UsageError("is not what the setup states", field=f"params.{name}", remedy=remedy)
@@ -103,7 +103,7 @@ def _require_noise(name: str, stated: Params, value: Any) -> None:
         return
     joints = len(stated.joint.process_density)
     shapes: dict[str, tuple[int, ...]] = dict.fromkeys(JOINTS, (joints,))
-    speeds = speeds_of(stated.arm, np.zeros(joints))  # of a recorded pose there is but one
+    speeds = speeds_of(stated.arm, np.zeros(joints))  # a recorded pose has only one
     shapes |= {"data_variance": (36,), "vibration": (len(speeds), 6), "vibration_speed": ()}
     if (shape := np.shape(value)) != (wanted := shapes.get(name, (6,))):
         remedy = "give the parameters of one setup, not those of each log"

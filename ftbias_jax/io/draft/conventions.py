@@ -1,4 +1,4 @@
-"""How a log of a pose was recorded, as far as gravity and the log itself show it."""
+"""Conventions by which a log of a pose was recorded, as far as gravity and the log itself show them."""
 
 from collections.abc import Callable, Iterator
 from itertools import product
@@ -18,26 +18,26 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 BETTER = 0.7
-"""Of what the usual convention leaves: another one must leave less."""
+"""Share of the usual convention's residual below which another convention is preferred."""
 EXPLAINS, USELESS = 0.9, 1.1
-"""Of the forces that remain: the body's axes must leave less of what the base's leave, a position less than none."""
+"""Ratios of force residuals: body axes must leave less than this of the base's, a position less than this of none."""
 FEWEST = 20
-"""Tenths of a second, or samples, from which on there is something to compare."""
+"""Minimum number of tenths of a second, or of samples, for a comparison."""
 SLOW = 10.0
-"""Hz at which positions and orientations are compared: encoders are no noise then."""
+"""Hz, rate at which positions and orientations are compared, low enough for encoder noise to vanish."""
 ALIKE = 0.8
-"""Correlation of gyroscope and orientation from which their sizes can be compared."""
+"""Correlation of gyroscope and orientation above which their magnitudes can be compared."""
 NEAR = 1.25
-"""Factor by which they may differ."""
+"""Factor by which these magnitudes may differ."""
 
 Read = Callable[[Keys], tuple[Setup, Log]]
 """Reads the log with further keys."""
 
 
 def best_reading(ways: Iterator[Keys], read: Read) -> tuple[Keys, Weighed] | None:
-    """The way that leaves least of the forces, and what it shows; the first one, unless another leaves much less.
+    """Convention with the smallest force residual, and the tool it shows; the usual one unless another is much better.
 
-    None, if the motion shows nothing of gravity in any way.
+    None if no convention lets the motion show the tool's weight.
     """
     best: tuple[Keys, Weighed] | None = None
     for keys in ways:
@@ -54,7 +54,7 @@ def best_reading(ways: Iterator[Keys], read: Read) -> tuple[Keys, Weighed] | Non
 
 
 def ways_of(table: Table) -> Iterator[Keys]:
-    """The ways in which an orientation and a wrench may have been recorded, the usual one first."""
+    """Conventions by which an orientation and a wrench may have been recorded, the usual one first."""
     orders = [table.orientation] if table.named else ["quaternion_xyzw", "quaternion_wxyz"]
     for axes, conjugate, order in product(("sensor", "base"), (False, True), orders):
         keys = {"sensor_pose.orientation": Known(order, "" if table.named else "as the weight fits best")}
@@ -66,7 +66,7 @@ def ways_of(table: Table) -> Iterator[Keys]:
 
 
 def position_axes(read: Read, mass: float) -> Keys:
-    """In whose axes the position is: the tool's inertia explains a part of the forces by it, or it is not used.
+    """Keys for the axes of the recorded position; it is not used if the tool's inertia explains none of the forces.
 
     ``mass`` is in kg, negative if the sensor reports the opposite sign.
     """
@@ -81,7 +81,7 @@ def position_axes(read: Read, mass: float) -> Keys:
 
 
 def _left_by_inertia(read: Read, axes: str, mass: float) -> tuple[float, float]:
-    """N, rms of what weight and a constant leave of the forces, without and with the acceleration of the position."""
+    """N, rms residual of the forces after weight and a constant, without and with the acceleration of the position."""
     setup, log = read({"sensor_pose.linear": Known("position"), "sensor_pose.position_axes": Known(axes)})
     rotations = sensor_rotations(log.t, log.q, setup).reshape(-1, 9)
     t, means = _slowly(log.t, np.column_stack([between(log.t, log.q[:, 4:], log.t), log.wrench[:, :3], rotations]))
@@ -98,7 +98,7 @@ def _left_by_inertia(read: Read, axes: str, mass: float) -> tuple[float, float]:
 
 
 def gyroscope(read: Read) -> Keys:
-    """Whether the gyroscope fits the orientation, and in which unit."""
+    """Keys for the gyroscope: whether it fits the orientation, and in which unit."""
     _, log = read({"sensor_pose.linear": Known("none")})
     measured = np.isfinite(log.dq[:, :4]).all(1)
     if not measured.any():
@@ -119,7 +119,7 @@ def gyroscope(read: Read) -> Keys:
 
 
 def accelerometer(table: Table, read: Read) -> Keys:
-    """Unit and axes of an accelerometer, by the direction of gravity; {} if what it feels is not gravity."""
+    """Keys for unit and axes of an accelerometer, from the direction of gravity; {} if it does not measure gravity."""
     setup, log = read({"sensor_pose.linear": Known("none")})
     assert table.accelerometer is not None
     felt = table.accelerometer
@@ -150,7 +150,7 @@ def accelerometer(table: Table, read: Read) -> Keys:
 
 
 def _slowly(t: Array, values: Array) -> tuple[Array, Array]:
-    """Means of the measured rows of every tenth of a second."""
+    """Mean stamps and mean values of the measured rows in every tenth of a second."""
     known = np.isfinite(values).all(1)
     bins = np.floor(t[known] * SLOW).astype(int)
     kept = np.unique(bins)

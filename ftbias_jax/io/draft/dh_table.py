@@ -1,4 +1,4 @@
-"""A Denavit-Hartenberg table in a text file, as it is copied from a manual, as keys of a setup."""
+"""Keys of a setup from a Denavit-Hartenberg table in a text file, as it is copied from a manual."""
 
 import os
 import re
@@ -21,7 +21,7 @@ WORDS = {
     "d": "d", "link offset": "d", "theta": "theta", "θ": "theta", "q": "theta", "joint angle": "theta",
     "": "row", "joint": "row", "link": "row", "row": "row", "name": "name", "type": "type",
 }  # fmt: skip
-"""What people write over a column, without its index and unit -> what it is; of ``row`` nothing is taken."""
+"""Heading of a column, without its index and unit -> meaning of the column; a ``row`` column is ignored."""
 UNIT_WORDS = {
     "mm": "mm", "millimeter": "mm", "millimetre": "mm", "m": "m", "meter": "m", "metre": "m",
     "deg": "deg", "degree": "deg", "°": "deg", "rad": "rad", "radian": "rad",
@@ -38,20 +38,20 @@ _VALUE = re.compile(
 
 
 class Cell(NamedTuple):
-    """What a cell says."""
+    """Content of a cell."""
 
     value: float
     unit: str
-    """As the cell itself states it: pi is radians; "" = it does not."""
+    """Unit that the cell itself states, with pi as radians; "" = none."""
     joint: bool
-    """Whether the joint's variable stands in it."""
+    """Whether the cell contains the joint's variable."""
 
 
 class DhTable(NamedTuple):
-    """A table, and what somebody says about it."""
+    """A table, with the convention and the units that the user states."""
 
     path: str
-    """Of a text file with cells between commas, semicolons or tabs: a header, or the columns of ORDER."""
+    """Path of a text file with cells between commas, semicolons or tabs, and a header or the columns of ORDER."""
     convention: str = ""
     """One of CONVENTIONS; "" = not stated, which is refused."""
     units: str = ""
@@ -59,7 +59,7 @@ class DhTable(NamedTuple):
 
 
 def from_table(table: DhTable) -> Keys:
-    """Keys of the arm in a table."""
+    """Keys of a setup for the arm in a table."""
     path, convention, units = table
     if not convention:
         remedy = f"say {' or '.join(CONVENTIONS)}, as the source of the table does: the same numbers mean two robots"
@@ -87,20 +87,20 @@ def from_table(table: DhTable) -> Keys:
 
 
 def _lines(path: str) -> list[list[str]]:
-    """Cells of the lines that have any."""
+    """Cells of the lines that are neither empty nor comments."""
     remedy = "give a text file with the rows of the table"
     try:
         text = read_file(path, MAX_BYTES, remedy, remedy).decode("utf-8-sig").replace("\u2212", "-")
     except UnicodeDecodeError as error:
         raise SetupError("is no text in UTF-8", file=path, remedy=remedy) from error
     between = ";" if ";" in text else "\t" if "\t" in text else ","
-    text = text.replace(",", ".") if between == ";" else text  # beside semicolons a comma is the decimal one
+    text = text.replace(",", ".") if between == ";" else text  # beside semicolons, a comma is the decimal point
     kept = [line for line in text.splitlines() if line.strip(f"{between} \t") and not line.startswith("#")]
     return [[cell.strip().strip('"').strip() for cell in line.split(between)] for line in kept]
 
 
 def _columns(lines: list[list[str]], path: str) -> tuple[dict[str, int], dict[str, set[str]], list[list[str]]]:
-    """Where the columns are, the units in the header by column, and the lines below it."""
+    """Index of each column, the units in the header by column, and the lines below the header."""
     if not lines:
         raise SetupError("has no rows", file=path, remedy=f"give rows of {', '.join(ORDER)}")
     columns: dict[str, int] = {}
@@ -157,7 +157,7 @@ def _cell(text: str, where: str, path: str) -> Cell:
 
 
 def _units(cells: Iterable[Mapping[str, Cell]], stated: Mapping[str, set[str]], option: str, path: str) -> str:
-    """One of UNITS, as header, cells and option agree."""
+    """One of UNITS, on which header, cells and option agree."""
     found = []
     for columns, words, asked in zip((("a", "d"), ("alpha", "theta")), ("lengths", "angles"), (0, 1), strict=True):
         units = {unit for name in columns for unit in stated.get(name, ())}

@@ -1,4 +1,4 @@
-"""A setup drafted from a robot's name, a URDF, an MJCF or a log: everything they tell, and what is left to measure."""
+"""Draft of a setup from a robot's name, a URDF, an MJCF or a log: all that they state, and what is left to measure."""
 
 import os
 import tempfile
@@ -41,19 +41,19 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.setup.urdf import load_urdf
 
 GUESS = Known([0.1, 0.004], f"a guess: {MEASURE}")
-"""N, Nm: noise of a usual wrist sensor, where there is no log to look at."""
+"""N, Nm: noise of a typical wrist sensor, used where no log shows it."""
 ABOUT = """Setup of a robot with a force-torque sensor, drafted by ftbias setup{source}.
 What says "{measure}" is not known; lines behind a # show other keys with their defaults.
 Next: ftbias info LOG --setup {file} says what the log can show, and which command goes on from there."""
 
 
 class Request(NamedTuple):
-    """What somebody asks for."""
+    """Input from which a setup is drafted."""
 
     logs: Sequence[str] = ()
-    """One log: a file, or several of which each has a stream."""
+    """Files of one log: a single one, or several with one stream each."""
     robot: str = ""
-    """Name of a built-in one."""
+    """Name of a built-in robot."""
     urdf: str = ""
     mjcf: str = ""
     site: str = ""
@@ -72,23 +72,23 @@ class Request(NamedTuple):
 
 
 class Draft(NamedTuple):
-    """A setup's text, and what goes with it."""
+    """Text of a drafted setup, and what belongs to it."""
 
     text: str
     urdf: str
     """Text of a URDF that the recording had, to be written beside the setup; "" = none."""
     notes: tuple[str, ...]
-    """A line each: what was found out, and what was not."""
+    """One line each: what was found out, and what was not."""
     setup: Setup
     log: Log | Poses | None
-    """As the setup reads it, for a check of what was drafted; None = there is none, or columns are left to choose."""
+    """The log as the setup reads it, for a check of the draft; None = there is none, or columns are left to choose."""
 
 
 def draft(request: Request) -> Draft:
     """Draft a setup.
 
     Raises:
-        UsageError: it is not said which robot, or in two ways. LogError, SetupError: a file cannot be read.
+        UsageError: the robot is not named, or is named twice. LogError, SetupError: a file cannot be read.
     """
     if sum(map(bool, (request.robot, request.urdf, request.mjcf, request.dh))) > 1:
         raise UsageError("the robot is named twice", field="--robot, --urdf, --mjcf, --dh", remedy="keep one of them")
@@ -106,7 +106,7 @@ def draft(request: Request) -> Draft:
         notes, log = list[str](), None
         if request.logs:
             found, notes, log = _of_log(stated, request.logs[0], tables, file)
-            mine = {f"{key}_std" for key in keys}  # a value that somebody states has not the error of the one found
+            mine = {f"{key}_std" for key in keys}  # a stated value does not have the estimate's error
             stated = {"sensor.noise_std": GUESS} | {key: x for key, x in found.items() if key not in mine} | keys
         source = f" from {', '.join(Path(log).name for log in request.logs)}" if request.logs else ""
         about = ABOUT.format(source=source, measure=MEASURE, file=Path(request.output).name)
@@ -119,13 +119,13 @@ def draft(request: Request) -> Draft:
 
 
 def urdf_beside(output: str) -> str:
-    """The file for a recording's URDF."""
+    """Path of the file for a recording's URDF."""
     return str(Path(output).with_suffix(".urdf"))
 
 
 @contextmanager
 def _folder(request: Request) -> Iterator[str]:
-    """Where relative paths of the setup start; for a recording, whose URDF is not written yet, another one."""
+    """Folder of the setup's relative paths; a temporary one for a recording, because its URDF is not written yet."""
     if request.robot or request.urdf or request.mjcf or request.dh:
         yield os.path.dirname(os.path.abspath(request.output))
         return
@@ -134,7 +134,7 @@ def _folder(request: Request) -> Iterator[str]:
 
 
 def _of_robot(request: Request, folder: str) -> tuple[Keys, str, list[Table]]:
-    """Keys of robot, mounting and topics; the URDF that the recording has, if it is needed; what is in tables."""
+    """Keys of robot, mounting and topics; the URDF of the recording, if it is needed; the content of tables."""
     links = (request.base_link, request.tip_link)
     stated = from_table(request.dh) if request.dh else from_urdf(request.urdf, *links, folder) if request.urdf else {}
     if request.mjcf:
@@ -166,7 +166,7 @@ def _of_robot(request: Request, folder: str) -> tuple[Keys, str, list[Table]]:
 
 
 def _named(request: Request, recorded: Sequence[str]) -> str:
-    """The built-in robot that is meant."""
+    """Name of the built-in robot, as requested or found by the recorded joints."""
     if request.robot:
         return request.robot
     found = robots_with(recorded)
@@ -177,7 +177,7 @@ def _named(request: Request, recorded: Sequence[str]) -> str:
 
 
 def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tuple[Keys, list[str], Log | Poses | None]:
-    """What a log tells: how it was recorded, the noise of the sensor, its sign, and the tool by its weight."""
+    """Keys from a log: how it was recorded, the noise and the sign of the sensor, and the tool by its weight."""
     static = len(tables) == 1 and tables[0].static and "log.rate" not in stated
     keys = {} if static else _of_tables(tables)
     has_pose = any(table.orientation for table in tables) and not any(key.startswith("robot.") for key in stated)
@@ -225,7 +225,7 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
 
 
 def _of_tables(tables: Sequence[Table]) -> Keys:
-    """Files and units of time."""
+    """Keys of a setup for files and units of time."""
     keys: Keys = {}
     roles = patterns(tables) if len(tables) > 1 else {}
     keys |= {f"log.files.{role}": Known(pattern) for role, pattern in roles.items()}
@@ -241,7 +241,7 @@ def _of_tables(tables: Sequence[Table]) -> Keys:
 
 
 def _of_motion(tables: Sequence[Table], body: Table, weighed: Weighed | None, read: Read) -> Keys:
-    """How the acceleration is known, and whether a gyroscope is credible."""
+    """Keys for the source of the acceleration, and for whether a gyroscope is credible."""
     keys = gyroscope(read) if any("gyroscope" in table.has for table in tables) else {}
     imu = next((table for table in tables if table.accelerometer is not None), None)
     if imu is not None:
@@ -252,7 +252,7 @@ def _of_motion(tables: Sequence[Table], body: Table, weighed: Weighed | None, re
 
 
 def _degrees(read: Read) -> Keys:
-    """Joints that are beyond every limit are in degrees."""
+    """Key that states degrees, if a joint exceeds its limits in rad."""
     setup, log = read({})
     if not np.isfinite(log.q).any():
         return {}

@@ -1,7 +1,7 @@
-"""What a log shows of sensor and tool by itself, and keys of a setup.
+"""Noise of the sensor, and mass and centre of mass of the tool, as estimated from a log alone; and keys of a setup.
 
-Gravity alone shows the tool's mass and centre of mass, and the sign of the reports; stretches in which nothing but
-noise changes show how noisy the sensor is, and how much motion adds.
+Gravity alone determines the tool's mass and centre of mass, and the sign convention of the sensor. Intervals in which
+nothing but noise changes show the sensor's noise, and intervals of motion how much motion adds.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,48 +17,48 @@ from ftbias_jax.types import Array
 
 LEAST_SAMPLES, MOST_SAMPLES = 6, 5000
 OUTLIER = 4.0
-"""Scaled median deviations beyond which a sample is contact or fast motion, and left out."""
+"""Scaled median deviations beyond which a sample counts as contact or fast motion, and is left out."""
 ROUNDS = 4
 MOST_OPEN = 0.1
-"""m: of a centre that the motion does not show, that much is not known."""
+"""m, maximum standard error of the centre of mass, for a motion that does not constrain it."""
 LIGHT = 0.1
-"""kg: tools are heavier, with what holds them, so that a log which shows less has lost the weight on the way."""
+"""kg, less than any tool with its mount: a log that shows less has lost the weight before it was recorded."""
 CREDIBLE = 0.5
-"""Standard error of the mass, as a share of it, up to which the fit is worth writing down."""
+"""Maximum relative standard error of the mass for which the fit is written to a setup."""
 NOT_TURNED = (
     "the sensor is not turned in this log, so its weight shows nothing of the tool: ftbias filter takes an unknown "
     "weight as part of the bias of such a log"
 )
 QUIET = 1.0
-"""s, least length of the stretches that are looked at."""
+"""s, minimum length of the intervals that are examined."""
 FEWEST = 20
-"""Samples that a stretch must have; where samples are rare, stretches are longer than QUIET."""
+"""Minimum number of samples per interval; at low rates, intervals are longer than QUIET."""
 MOST = 100
-"""Stretches that are looked at in a long log, evenly spread."""
+"""Number of intervals that are examined in a long log, evenly spread."""
 USUAL, QUIETEST = 0.5, 0.1
-"""Share of the stretches that are quieter than the one that is taken, at rest and in motion, which makes noise."""
+"""Quantile of the intervals' standard deviations taken as the noise: at rest, and in motion, which adds noise."""
 AT_REST = 2e-3
-"""rad that the sensor turns at most in a stretch at rest: a tool of 2 kg then weighs on no axis 0.04 N more or less."""
+"""rad, maximum rotation of the sensor at rest: the weight of a 2 kg tool then changes by at most 0.04 N per axis."""
 SAME = 1.3
-"""A stretch may be this much louder than its two halves. Motion makes it about sixteen times as loud, since the
-residual of a cubic grows with the fourth power of the length; noise, also noise smoothed by a filter, hardly at all."""
+"""Maximum ratio of an interval's residual to that of its two halves. Motion makes it about sixteen, since the residual
+of a cubic grows with the fourth power of the length; noise, even if smoothed by a filter, hardly changes."""
 
 
 class Weighed(NamedTuple):
-    """A tool that was weighed by turning it."""
+    """Mass and centre of mass of a tool, estimated from a log in which gravity turns in the sensor frame."""
 
     mass: float
     """kg; negative if the sensor reports the opposite sign."""
     center_of_mass: Array
     """(3,) m, sensor frame."""
     mass_stderr: float
-    """kg, as if one sample a second were independent, and of static poses as many as their correlation leaves."""
+    """kg, for one independent sample per second; for static poses, for as many as their correlation leaves."""
     center_stderr: Array
-    """(3,) m, the same, of the torques alone; MOST_OPEN at most."""
+    """(3,) m, for as many independent samples, from the torques alone; MOST_OPEN at most."""
     residual: float
-    """N, rms of what weight and a constant bias leave of the forces."""
+    """N, rms residual of the forces after weight and a constant bias."""
     turn: float
-    """rad by which gravity turns, as seen from the sensor, between the poses that are farthest apart along one axis."""
+    """rad, rotation of gravity in the sensor frame between the poses that are farthest apart along one axis."""
 
     @property
     def credible(self) -> bool:
@@ -67,35 +67,35 @@ class Weighed(NamedTuple):
 
     @property
     def absent(self) -> bool:
-        """Whether the motion shows no weight, although it would, or one of the wrong sign, left by a compensation."""
+        """Whether the motion shows no weight although it could, or one of the wrong sign, left by a compensation."""
         return self.heaviest < LIGHT and not (self.credible and self.mass > 0)
 
     @property
     def heaviest(self) -> float:
-        """kg that the tool may have, three standard errors above what was found."""
+        """kg, upper limit of the tool's mass: three standard errors above the estimate."""
         return abs(self.mass) + 3 * self.mass_stderr
 
 
 def weigh(
     t: Array, rotations: Array, gravity: Array, wrench: Array, rezeroed_at: Sequence[float] = ()
 ) -> Weighed | None:
-    """Weigh the tool by least squares, as if every sample were at rest: those that do not fit are left out.
+    """Estimate the tool's mass and centre of mass by least squares, as if all samples were at rest, rejecting outliers.
 
     Args:
         t: (T,) s.
         rotations: (T, 3, 3) sensor frame in the base frame.
         gravity: (3,) m/s^2, base frame.
         wrench: (T, 6) N, Nm, as the sensor reports it.
-        rezeroed_at: s, when the sensor was set to zero: the bias is constant in between.
+        rezeroed_at: s, times at which the sensor was zeroed; the bias is constant in between.
 
     Returns:
-        None, if there are not enough samples, or the sensor is never turned.
+        the estimate; None if there are not enough samples, or the sensor is never turned.
     """
     complete = np.flatnonzero(np.isfinite(wrench).all(1) & np.isfinite(rotations).all((1, 2)))
     rows = complete[:: max(1, len(complete) // MOST_SAMPLES)]
     if len(rows) < LEAST_SAMPLES:
         return None
-    support = -np.einsum("tji,j->ti", rotations[rows], gravity)  # what carries one kilogram, sensor frame
+    support = -np.einsum("tji,j->ti", rotations[rows], gravity)  # force that supports one kilogram, sensor frame
     force, torque = wrench[rows, :3], wrench[rows, 3:]
     kept = np.ones(len(rows), bool)
     piece = np.searchsorted(np.sort(rezeroed_at), t[rows])
@@ -114,7 +114,7 @@ def weigh(
         kept = error < OUTLIER * 1.4826 * np.median(error) + 1e-9
     residual = float(np.sqrt((error[kept] ** 2).mean()))
     seconds = max(1.0, np.ptp(t[rows]) * kept.mean())
-    if np.median(np.diff(t)) * LOWEST_RATE >= 1:  # static poses, from one to the next of which the bias may drift
+    if np.median(np.diff(t)) * LOWEST_RATE >= 1:  # static poses, between which the bias may drift
         seconds = max(1.0, kept.sum() * (1 - max(along, 0)) / (1 + max(along, 0)))
     stderr = residual / np.sqrt(turned / len(swing) * seconds)
     arms, torques = (_about_means(x[kept], piece[kept]) for x in (support, torque))
@@ -126,17 +126,17 @@ def weigh(
 
 
 def _about_means(values: Array, piece: Array) -> Array:
-    """(T, 3) values less their mean in each piece (T,) of the log."""
+    """(T, 3) values minus their mean in each piece (T,) of the log."""
     counts = np.bincount(piece)
     means = np.stack([np.bincount(piece, column) for column in values.T], 1) / np.maximum(counts, 1)[:, None]
     return values - means[piece]
 
 
 def _first_moment(support: Array, torque: Array, count: float) -> tuple[Array, Array]:
-    """(3,) m c of torque = (m c) x support + constant, by least squares with a weak pull to zero; and standard errors.
+    """(3,) m c of torque = (m c) x support + constant, by slightly regularised least squares; and standard errors.
 
-    ``support`` (T, 3), what carries one kilogram, and ``torque`` (T, 3) Nm are about their means; ``count`` samples are
-    independent.
+    ``support`` (T, 3), the force that supports one kilogram, and ``torque`` (T, 3) Nm are relative to their means;
+    ``count`` samples are independent.
     """
     columns = -skew(support).reshape(-1, 3)
     pull = 1e-6 * np.trace(columns.T @ columns) * np.eye(3)
@@ -147,9 +147,9 @@ def _first_moment(support: Array, torque: Array, count: float) -> tuple[Array, A
 
 
 def tool_keys(found: Weighed | None, is_stated: bool) -> tuple[Keys, list[str]]:
-    """Keys, and a line for the person who asked, of the tool as weighed; None = the log does not turn the sensor.
+    """Keys of a setup for the tool, and lines for the user; ``found`` None = the log does not turn the sensor.
 
-    Where somebody has stated the tool's mass, a missing weight is a matter for ``check``.
+    If the setup states the tool's mass, a missing weight is left to ``check``.
     """
     if found is None:
         return {}, [NOT_TURNED]
@@ -179,9 +179,9 @@ def tool_keys(found: Weighed | None, is_stated: bool) -> tuple[Keys, list[str]]:
 def quietest_noise(t: Array, wrench: Array, rotations: Array) -> tuple[list[float], str] | None:
     """(6,) N, Nm: standard deviation of one sample where the log is quietest, to two digits; and where that is.
 
-    From every stretch a cubic in time is subtracted, so that bias, drift and slow motion do not count, but noise that
-    a filter in the sensor has made smooth does. Stretches in which the sensor does not turn come first; where there are
-    none, what counts as noise must be as large in the halves of the stretches: otherwise it is motion.
+    A cubic in time is subtracted from every interval, which removes bias, drift and slow motion, but not noise that a
+    filter in the sensor has smoothed. Intervals in which the sensor does not turn are preferred; if there are none, the
+    noise must be as large in the halves of the intervals: otherwise it is motion.
 
     Args:
         t: (T,) s.
@@ -189,7 +189,7 @@ def quietest_noise(t: Array, wrench: Array, rotations: Array) -> tuple[list[floa
         rotations: (T, 3, 3) of the sensor in the base frame; NaN = not known.
 
     Returns:
-        None if there are too few samples, an axis never changes, or the log shows motion and not noise.
+        the noise; None if there are too few samples, an axis never changes, or the log shows motion and not noise.
     """
     rows = np.isfinite(wrench).all(1)
     t, wrench, rotations = t[rows], wrench[rows], rotations[rows]
@@ -197,7 +197,7 @@ def quietest_noise(t: Array, wrench: Array, rotations: Array) -> tuple[list[floa
         return None
     parts = list(_stretches(t))
     resting = [part for part in parts if _turned(rotations[part]) < AT_REST]
-    # Samples far apart, as of single poses, differ by motion and look like noise.
+    # Samples far apart in time, as of single poses, differ by motion, which looks like noise.
     usable = resting or [part for part in parts if np.ptp(t[part]) < 2 * QUIET]
     if not usable:
         return None
@@ -213,9 +213,9 @@ def quietest_noise(t: Array, wrench: Array, rotations: Array) -> tuple[list[floa
 
 
 def scatter_in_motion(t: Array, force: Array, rotations: Array, noise_std: Array) -> float | None:
-    """N: root mean square over the axes of what scatters beside the noise in the stretches in which the sensor turns.
+    """N: root mean square over the axes of the scatter beyond the noise in the intervals in which the sensor turns.
 
-    About a cubic in time, as the noise is: of the tool's acceleration that is what comes and goes within a second.
+    As for the noise, a cubic in time is subtracted: of the tool's acceleration, changes within a second remain.
 
     Args:
         t: (T,) s.
@@ -224,7 +224,7 @@ def scatter_in_motion(t: Array, force: Array, rotations: Array, noise_std: Array
         noise_std: (3,) N at rest.
 
     Returns:
-        None where the sensor never turns, or samples are too far apart.
+        the scatter; None if the sensor never turns, or samples are too far apart.
     """
     rows = np.isfinite(force).all(1)
     t, force, rotations = t[rows], force[rows], rotations[rows]
@@ -236,7 +236,7 @@ def scatter_in_motion(t: Array, force: Array, rotations: Array, noise_std: Array
 
 
 def _stretches(t: Array) -> Iterator[slice]:
-    """Stretches of at least QUIET and FEWEST samples, each of which begins at a quarter of the one before."""
+    """Overlapping intervals of at least QUIET s and FEWEST samples, each shifted by a quarter of the last."""
     begin = 0
     while (end := max(begin + FEWEST, int(np.searchsorted(t, t[begin] + QUIET)))) <= len(t):
         yield slice(begin, end)
@@ -244,12 +244,12 @@ def _stretches(t: Array) -> Iterator[slice]:
 
 
 def _turned(rotations: Array) -> float:
-    """rad between the orientations of a stretch, at most about the largest from its first."""
+    """rad, about the maximum rotation between the first and any other orientation of an interval."""
     return float(np.abs(rotations - rotations[0]).max())
 
 
 def _about_cubic(t: Array, wrench: Array) -> tuple[Array, Array]:
-    """(6,) standard deviation of what a cubic in time leaves of a stretch, and of what two leave of its halves."""
+    """(6,) residual standard deviation of a cubic in time over an interval, and of one over each of its halves."""
     middle = len(t) // 2
     first, second = (_squares(t[part], wrench[part]) for part in (slice(middle), slice(middle, None)))
     return np.sqrt(_squares(t, wrench) / (len(t) - 4)), np.sqrt((first + second) / (len(t) - 8))

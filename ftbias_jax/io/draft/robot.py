@@ -1,4 +1,4 @@
-"""What a built-in robot, a URDF, an MJCF or a recording of ROS says in a setup: joints, topics, where the sensor is."""
+"""Keys of a setup from a built-in robot, a URDF, an MJCF or a ROS recording: joints, topics, mounting of the sensor."""
 
 import os
 from collections.abc import Iterable, Sequence
@@ -19,13 +19,13 @@ from ftbias_jax.setup.urdf import Urdf, fixed_pose, load_urdf
 
 Keys = dict[str, Known]
 FLANGES = ("tool0", "flange", "link_ee", "lbr_link_ee", "link_eef", "panda_link8", "fr3_link8", "end_effector_link")
-"""Names of flanges, the first that a URDF has is meant if nobody says which."""
+"""Usual names of flange links; if no tip link is stated, the first of these that a URDF has is used."""
 CONTROLLER = "_controller"
-"""What UR's driver puts behind the name of a frame that the controller reports."""
+"""Suffix that UR's driver appends to the name of a frame that the controller reports."""
 
 
 def built_in(model: str, recorded: Sequence[str] = ()) -> Keys:
-    """Keys of a built-in robot."""
+    """Keys of a setup for a built-in robot."""
     if model not in BUILT_IN:
         raise UsageError(f"there is no built-in robot {model!r}", field="--robot", remedy=nearest(model, BUILT_IN))
     keys = {"robot.model": Known(model, describe_robot(model))}
@@ -33,17 +33,17 @@ def built_in(model: str, recorded: Sequence[str] = ()) -> Keys:
 
 
 def robots_with(recorded: Iterable[str]) -> list[str]:
-    """The built-in robots that have exactly these names of joints, without those whose frame is not the flange."""
+    """Built-in robots whose joint names were all recorded, without those whose frame is not the flange."""
     names = set(recorded)
     found = [model for model in BUILT_IN if set(built_in_robot(model).joint_names) <= names]
     return [model for model in found if f"{model}_link8" not in found]
 
 
 def from_urdf(path: str, base_link: str = "", tip_link: str = "", folder: str = "") -> Keys:
-    """Keys of the arm in a URDF.
+    """Keys of a setup for the arm in a URDF.
 
-    Without a base link that is the root, without a tip link the first of FLANGES that the file has. ``folder`` is that
-    of the setup, at which a relative path starts.
+    The default base link is the root, the default tip link the first of FLANGES that the file has. ``folder`` is that
+    of the setup, to which the written path is relative.
     """
     urdf = load_urdf(path)
     shown = os.path.relpath(path, folder or ".")
@@ -59,10 +59,10 @@ def from_urdf(path: str, base_link: str = "", tip_link: str = "", folder: str = 
 
 
 def from_mjcf(path: str, base: str = "", site: str = "", folder: str = "") -> Keys:
-    """Keys of the arm and the tool in an MJCF.
+    """Keys of a setup for the arm and the tool in an MJCF.
 
-    Without a base that is the world, without a site the one of the file's force and torque sensors. ``folder`` is that
-    of the setup, at which a relative path starts.
+    The default base is the world, the default site that of the file's force and torque sensors. ``folder`` is that of
+    the setup, to which the written path is relative.
     """
     found = load_mjcf(path, site, base)
     file, tool = os.path.basename(path), mjcf_tool(found)
@@ -70,7 +70,7 @@ def from_mjcf(path: str, base: str = "", site: str = "", folder: str = "") -> Ke
     keys |= {"robot.site": Known(found.model.site(found.site).name, "" if site else "by its sensors")}
     keys |= {"robot.base_link": Known(base)} if base else {}
     keys |= mounted(pose_at(), "the site's frame is the sensor's")
-    if not tool.unknown:  # not written as values, which would hold against those of a changed file
+    if not tool.unknown:  # comments only, because values would override those of a changed file
         numbers = {name: np.atleast_1d(getattr(tool, name)) for name in ("mass", "center_of_mass", "inertia")}
         words = {name: ", ".join(f"{x:.4g}" for x in value) for name, value in numbers.items()}
         keys |= {f"tool.{name}": Known(None, f"of {file}: {text}") for name, text in words.items()}
@@ -78,7 +78,7 @@ def from_mjcf(path: str, base: str = "", site: str = "", folder: str = "") -> Ke
 
 
 def renamed(keys: Keys, theirs: Sequence[str], recorded: Sequence[str], robot: str) -> Keys:
-    """The keys of a robot with joints of the names ``theirs``, and with their names in a recording if these differ."""
+    """Keys of a robot with joints named ``theirs``, extended by their names in a recording if these differ."""
     if not recorded or set(theirs) <= set(recorded):
         return keys
     ending = [[other for other in recorded if other.endswith(name)] for name in theirs]
@@ -90,7 +90,7 @@ def renamed(keys: Keys, theirs: Sequence[str], recorded: Sequence[str], robot: s
 
 
 def mounting(urdf: Urdf, tip_link: str, frame: str) -> Keys:
-    """Where a frame that is fixed to the flange is, as the sensor's mounting; {} if the URDF does not say."""
+    """Keys of the sensor's mounting at a frame that is fixed to the flange; {} if the URDF does not state it."""
     try:
         return mounted(fixed_pose(urdf, tip_link, frame), f"{frame} in {tip_link}, from the URDF")
     except SetupError:
@@ -98,28 +98,28 @@ def mounting(urdf: Urdf, tip_link: str, frame: str) -> Keys:
 
 
 def mounted(pose: Pose, remark: str) -> Keys:
-    """The sensor's mounting as keys."""
+    """Keys of a setup for the sensor's mounting."""
     translation, rpy = pose.translation, rpy_from_rotation(pose.rotation)
-    rounded = [[round(float(x), 9) + 0.0 for x in numbers] for numbers in (translation, rpy)]  # + 0.0: no minus zero
+    rounded = [[round(float(x), 9) + 0.0 for x in numbers] for numbers in (translation, rpy)]  # + 0.0: no negative zero
     return {"sensor.translation": Known(rounded[0], remark), "sensor.rotation_rpy": Known(rounded[1], remark)}
 
 
 class Recorded(NamedTuple):
-    """What a recording has for a setup."""
+    """Content of a recording that a setup can use."""
 
     keys: Keys
     joints: tuple[str, ...]
     """Names of the joints on the topic with most of them."""
     description: str
-    """A URDF, or ""."""
+    """Text of a URDF in the recording; "" = none."""
     frame: str
-    """Of the wrench, or ""."""
+    """Frame of the wrench; "" = none."""
     transforms: tuple[Stream, ...]
-    """Of TF."""
+    """Transforms from TF."""
 
 
 def look_into(path: str) -> Recorded:
-    """What a recording has for a setup."""
+    """Read the content of a recording that a setup can use."""
     recording = read_recording(path, salvage=True, wanted=Wanted(poses=True))
     keys: Keys = {}
     chosen: dict[str, Stream] = {}
@@ -138,7 +138,7 @@ def look_into(path: str) -> Recorded:
 
 
 def sensor_frame(recorded: Recorded) -> Keys:
-    """The sensor's mounting, by the frame of the wrench and the transforms that never change; {} if they do not say."""
+    """Keys of the sensor's mounting from the wrench's frame and constant transforms; {} if these do not show it."""
     frame = recorded.frame.removesuffix(CONTROLLER)
     if not frame:
         return {}

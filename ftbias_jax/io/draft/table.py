@@ -1,4 +1,4 @@
-"""What is in a table or a file of arrays before anybody has said how to read it, and the keys that its names state."""
+"""Content of a table or a file of arrays that no setup describes, and the keys of a setup that its names imply."""
 
 from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
@@ -31,29 +31,29 @@ from ftbias_jax.types import Array
 CENTURY = (9.4e8, 4.1e9)
 """s since 1970: stamps of a clock that is set lie between 2000 and 2100."""
 LONGEST_RUN = 1e8
-"""s: other clocks start when a computer does."""
+"""s, maximum stamp of other clocks, which start with the computer."""
 FASTEST = 3.0
-"""rad/s from row to row in the median of them: no log of motion turns so fast all along."""
+"""rad/s, median speed from row to row that no log of motion exceeds, because none turns so fast all the time."""
 APART = 0.05
-"""rad from row to row in the median: without stamps, rows that are closer are those of a motion."""
+"""rad, median rotation from row to row; without stamps, rows that are closer are those of a motion."""
 WIDTHS = {3: "axis_angle", 9: "matrix", 4: "quaternion_xyzw"}
-"""Numbers of an orientation -> what it may be."""
+"""Numbers per orientation -> its possible format."""
 ORIENTATIONS = ("quaternion_xyzw", "matrix", "axis_angle")
-"""What columns of an orientation may be by their names."""
+"""Possible formats of an orientation whose columns are known by their names."""
 QUANTITIES = ("time", "position", "velocity", "wrench", "temperature")
 """Keys of [log.columns]."""
 PARTS = {"position": "place", "angular_velocity": "gyroscope", "specific_force": "accelerometer"}
-"""Arrays of a pose and an IMU -> their names as quantities that columns may be."""
+"""Array of a pose or an IMU -> name of the quantity for its columns."""
 MOST_LISTED = 60
-"""Columns to choose from."""
+"""Maximum number of columns that are listed to choose from."""
 
 
 class Table(NamedTuple):
-    """One file."""
+    """Content of one file."""
 
     path: str
     has: Set[str] = frozenset()
-    """Those of QUANTITIES and PARTS that it has; whether it has time, joints and an orientation is said below."""
+    """Quantities of QUANTITIES and PARTS in the file; see below for time, joints and orientation."""
     time: Array | None = None
     """(T,) stamps as stored; None = none."""
     joints: int = 0
@@ -61,23 +61,23 @@ class Table(NamedTuple):
     orientation: str = ""
     """One of ORIENTATIONS, or "" = none."""
     named: bool = True
-    """Whether names of columns say which entry of the orientation is which."""
+    """Whether the names of columns show which entry of the orientation each one is."""
     accelerometer: Array | None = None
     """(T, 3) as stored; None = none."""
     others: tuple[str, ...] = ()
-    """Names of columns or arrays that nothing is made of."""
+    """Names of columns or arrays that are not used."""
     names: tuple[str, ...] = ()
-    """Of the joints, as a recording of ROS or a header has them."""
+    """Names of the joints in a ROS recording or a header."""
     header: tuple[str, ...] = ()
     """Names of all columns of a table that has columns."""
     found: Mapping[str, Match] = {}
-    """Quantity -> the columns that are most likely it, by their names."""
+    """Quantity -> the columns that most likely hold it, by their names."""
     static: bool = False
-    """Whether its rows can be readings at rest, one a pose; without stamps a rate makes them a log."""
+    """Whether the rows can be static poses, one reading each; without stamps, a stated rate makes them a log."""
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """As the file has them, or q0, q1, ..."""
+        """Names of the joints in the file, or q0, q1, ..."""
         return self.names or tuple(f"q{i}" for i in range(self.joints))
 
     @property
@@ -87,7 +87,7 @@ class Table(NamedTuple):
 
 
 def look(path: str) -> Table:
-    """What a file has."""
+    """Examine the content of a file."""
     suffix = suffix_of(path)
     if is_ros(path):
         return _of_recording(path)
@@ -112,17 +112,17 @@ def look(path: str) -> Table:
 
 
 def _halves(table: Table) -> int:
-    """How much of a log it has: motion, a wrench, or both."""
+    """Number of parts of a log in the file: motion, a wrench, or both."""
     return bool(table.joints or table.orientation) + ("wrench" in table.has)
 
 
 def likeliest(candidates: Sequence[Match]) -> Match | None:
-    """Of sets of columns that may be a quantity, the one with the usual names to the letter, or else the first."""
+    """Candidate columns of a quantity that have exactly the usual names, or else the first; None = no candidates."""
     return next((match for match in candidates if match.native), candidates[0] if candidates else None)
 
 
 def _of_recording(path: str) -> Table:
-    """What one of several files has that is a recording of ROS; its stamps need no unit."""
+    """Content of a ROS recording that is one of several files; its stamps need no unit."""
     streams = read_recording(path, salvage=True, wanted=Wanted(poses=True)).streams
     roles = {stream.role for stream in streams}
     arm = max((stream for stream in streams if stream.role == JOINTS), key=lambda x: len(x.names), default=None)
@@ -156,7 +156,7 @@ def _of_arrays(path: str, arrays: Mapping[str, Array]) -> Table:
 
 
 def _of_columns(path: str, header: Sequence[str], found: Mapping[str, Match], values: Mapping[str, Array]) -> Table:
-    """Of the names of all columns, and as "t", "q" and "dq" the stamps, what moves and the accelerometer."""
+    """Content by the names of all columns; ``values`` has stamps "t", motion "q" and accelerometer "dq"."""
     used = {name for match in found.values() for name in match.names}
     for name in (name for name in dict.fromkeys(header) if header.count(name) > 1):
         if some("position", [name], ()) or name in used:
@@ -178,7 +178,7 @@ def _of_columns(path: str, header: Sequence[str], found: Mapping[str, Match], va
 
 
 def is_static(time: Array | None, motion: Array | None) -> bool:
-    """Whether rows can be static poses: few, and far apart in time, or in turning if other units of time are possible.
+    """Whether rows can be static poses: few, and far apart in time, or in angle if the unit of time is uncertain.
 
     The stamps (N,) are as stored, the motion (N, ...) joints or orientations; None = there are none.
     """
@@ -199,9 +199,9 @@ def is_static(time: Array | None, motion: Array | None) -> bool:
 
 
 def time_unit(t: Array) -> str:
-    """The unit of stamps, if it is not the usual one: "" = s, or ns of integers.
+    """Unit of stamps, if it is not the usual one; "" = the usual one, s, or ns for integers.
 
-    A rate that sensors have is plausible; so is a date of this century, or else a few years that a computer ran.
+    A unit is plausible with the rate of a sensor, and with a date of this century or else a few years of uptime.
     """
     t = np.asarray(t, np.float64) if np.asarray(t).dtype.kind == "f" else np.asarray(t, np.int64)
     steps = np.diff(t)
@@ -218,7 +218,7 @@ def time_unit(t: Array) -> str:
 
 
 def patterns(tables: Sequence[Table]) -> dict[str, str]:
-    """[log.files] of several tables: what their names share at the start is the *."""
+    """[log.files] of several tables: what all names begin with becomes the *."""
     names = [Path(table.path).name for table in tables]
     shared = next(i for i, letters in enumerate(zip(*names, strict=False)) if len(set(letters)) > 1)
     found: dict[str, str] = {}
@@ -235,9 +235,9 @@ def patterns(tables: Sequence[Table]) -> dict[str, str]:
 
 
 def stated_columns(table: Table, joints: Sequence[str] | None = None) -> dict[str, Known]:
-    """Keys of a setup that the names of columns give: those of [log.columns] that are not the usual ones, and units.
+    """Keys of a setup that column names imply: [log.columns] for names that are not the usual ones, and units.
 
-    The names of the joints give the order of the columns; None = as the header has them.
+    ``joints`` are the joint names in the order of the columns; None = in the order of the header.
     """
     keys: dict[str, Known] = {}
     for quantity in (*QUANTITIES, *PARTS.values()):
@@ -249,16 +249,16 @@ def stated_columns(table: Table, joints: Sequence[str] | None = None) -> dict[st
             keys[key] = Known(value, f"by the name of the column {match.names[0]}")
         if quantity in QUANTITIES and not match.native:
             if table.orientation and quantity in ("position", "velocity"):
-                continue  # they are made of a pose and an IMU, whose columns the reader finds by [sensor_pose]
+                continue  # both come from a pose and an IMU, whose columns the reader finds by [sensor_pose]
             names = match.names[0] if quantity in ("time", "temperature") else list(match.names)
             keys[f"log.columns.{quantity}"] = Known(names, _remark(match, candidates, joints))
     return keys
 
 
 def left_to_choose(tables: Sequence[Table], timed: bool = True) -> dict[str, Known]:
-    """Keys of [log.columns] without a value, for what no table shows by its names, with the columns to choose from.
+    """Keys of [log.columns] without a value, for quantities that no names show, with the columns to choose from.
 
-    Stamps are missed only if the tables must be ``timed``.
+    Missing stamps matter only if the tables must be ``timed``.
     """
     tables_of_columns = [table for table in tables if table.header]
     found = {
@@ -273,7 +273,7 @@ def left_to_choose(tables: Sequence[Table], timed: bool = True) -> dict[str, Kno
 
 
 def _candidates(quantity: str, table: Table, joints: Sequence[str] | None) -> list[Match]:
-    """Columns that may be a quantity; of joints with other names than the robot's, as many as it has."""
+    """Columns that may hold a quantity; for joints with other names than the robot's, as many as it has joints."""
     found = matches(quantity, table.header, joints)
     if found or joints is None or quantity not in ("position", "velocity"):
         return found

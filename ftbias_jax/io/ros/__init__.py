@@ -1,1 +1,1 @@
-"""Logs as recordings of ROS 1 and ROS 2."""
+"""Logs recorded with ROS 1 and ROS 2."""

@@ -1,4 +1,4 @@
-"""Which streams of a recording are those of a log: by their types, or as the setup names them."""
+"""Selection of the streams of a recording that make up a log: by their types, or as the setup names them."""
 
 from collections.abc import Collection, Sequence
 
@@ -24,11 +24,11 @@ from ftbias_jax.setup.recorded import PoseSetup
 from ftbias_jax.setup.types import Setup
 
 Chosen = dict[str, tuple[str, Stream]]
-"""Array of a log, "q", "dq", "wrench" or "temperature" -> the role that [log.clocks] knows it by, and its stream."""
+"""Array of a log ("q", "dq", "wrench" or "temperature") -> its role, as used in [log.clocks], and its stream."""
 
 
 def refuse_columns(setup: Setup, quantities: Collection[str], file: str = "") -> None:
-    """Refuse [log.columns] for what is read from a recording, which has none."""
+    """Refuse [log.columns] for quantities that are read from a recording, which has no columns."""
     for key in setup.log.columns:
         if key in quantities:
             remedy = "name fields of messages in [log.topics], or write the log as .npz, .csv or .parquet"
@@ -37,21 +37,21 @@ def refuse_columns(setup: Setup, quantities: Collection[str], file: str = "") ->
 
 
 def wanted_of(setup: Setup) -> Wanted:
-    """What a setup wants of a recording beside joints, wrenches and temperatures."""
+    """What a setup requires from a recording besides joints, wrenches and temperatures."""
     named = [(role, *topic.partition(":")) for role, topic in setup.log.topics.items() if role in BY_FIELD]
     fields = tuple((role, topic, path) for role, topic, colon, path in named if colon)
     return Wanted(setup.pose is not None, fields)
 
 
 def choose(recording: Recording, quantities: Sequence[str], setup: Setup, file: str) -> Chosen:
-    """The streams with the wanted quantities, of which the first must be there."""
+    """Select the streams of the wanted quantities, of which the first is required."""
     first, chosen = quantities[0], Chosen()
     if "velocity" in quantities:
         chosen |= _choose_rates(recording, setup, file)
         if first == "velocity" and not chosen and setup.pose is not None:
             remedy = 'name its topic in the setup: [log.topics] imu = "..." or velocity = "/topic:field"'
             raise LogError("there is no IMU", file=file, field="velocity", remedy=remedy)
-    if "position" in quantities or (first == "velocity" and not chosen):  # messages of joints have velocities too
+    if "position" in quantities or (first == "velocity" and not chosen):  # joint messages hold velocities too
         chosen = _choose_motion(recording, setup, file) | chosen
     if "wrench" in quantities:
         chosen |= _choose_readings(recording, setup, file)
@@ -64,7 +64,7 @@ def choose(recording: Recording, quantities: Sequence[str], setup: Setup, file: 
 
 
 def _choose_motion(recording: Recording, setup: Setup, file: str) -> Chosen:
-    """Joints or pose."""
+    """Stream of the joint positions, or of the pose if the setup has a sensor_pose."""
     if POSITION in setup.log.topics:
         width = len(setup.robot.joint_names) if setup.pose is None else setup.pose.columns[0]
         return {"q": (POSITION, _by_fields(recording, POSITION, width, setup, file))}
@@ -77,7 +77,7 @@ def _choose_motion(recording: Recording, setup: Setup, file: str) -> Chosen:
 
 
 def _choose_rates(recording: Recording, setup: Setup, file: str) -> Chosen:
-    """Velocities of the joints, or what an IMU says, where they are of other messages than the positions; {} if not."""
+    """Stream of joint velocities, or of an IMU, if they are in other messages than the positions; otherwise {}."""
     if VELOCITY in setup.log.topics:
         width = len(setup.robot.joint_names) if setup.pose is None else setup.pose.columns[1]
         return {"dq": (VELOCITY, _by_fields(recording, VELOCITY, width, setup, file))}
@@ -86,7 +86,7 @@ def _choose_rates(recording: Recording, setup: Setup, file: str) -> Chosen:
 
 
 def _choose_readings(recording: Recording, setup: Setup, file: str) -> Chosen:
-    """The wrench, and the temperature if there is one."""
+    """Stream of the wrench, and of the temperature if there is one."""
     found = _of_role(recording, WRENCH, setup)
     if not found:
         raise _missing(recording, f"no wrench data: no topic has the type {WRENCH_STAMPED}", WRENCH, file)
@@ -96,7 +96,7 @@ def _choose_readings(recording: Recording, setup: Setup, file: str) -> Chosen:
 
 
 def _in_one_frame(streams: Sequence[Stream], what: str, field: str, remedy: str, file: str) -> Stream:
-    """The only stream of a topic."""
+    """The only stream of a topic, whose messages must all be in one frame."""
     if len(streams) > 1:
         frames = ", ".join(repr(stream.names[0]) for stream in streams[:8])
         message = f"the {what} of {streams[0].topic} are in several frames: {frames}"
@@ -105,7 +105,7 @@ def _in_one_frame(streams: Sequence[Stream], what: str, field: str, remedy: str,
 
 
 def _choose_temperature(recording: Recording, setup: Setup, file: str) -> Chosen:
-    """The temperature; {} if there is none, or if nobody says which of several it is."""
+    """Stream of the temperature; {} if there is none, or if there are several and the setup names none of them."""
     found = _of_role(recording, TEMPERATURE, setup)
     named = TEMPERATURE in setup.log.topics
     if not named and len({(stream.topic, stream.names) for stream in found}) != 1:
@@ -115,12 +115,12 @@ def _choose_temperature(recording: Recording, setup: Setup, file: str) -> Chosen
 
 
 def _of_role(recording: Recording, role: str, setup: Setup) -> list[Stream]:
-    """The streams of a role: of the types that are meant first, or of the topic that the setup names."""
+    """The streams of a role: those of the lowest ``Source.rank``, or of the topic that the setup names."""
     return _meant([stream for stream in recording.streams if stream.role == role], role, setup)
 
 
 def _meant(streams: Sequence[Stream], role: str, setup: Setup) -> list[Stream]:
-    """Those of the types that are meant first, or of the topic that the setup names."""
+    """The streams of the lowest ``Source.rank``, or of the topic that the setup names."""
     ranks = [
         min((source.rank for source in SOURCES.get(stream.message_type, ()) if source.role == role), default=0)
         for stream in streams
@@ -131,7 +131,7 @@ def _meant(streams: Sequence[Stream], role: str, setup: Setup) -> list[Stream]:
 
 
 def _by_fields(recording: Recording, role: str, width: int, setup: Setup, file: str) -> Stream:
-    """The stream of fields that the setup names."""
+    """The stream of the fields that the setup names."""
     topic = setup.log.topics[role]
     if ":" not in topic:
         remedy = f'add the field: {role} = "{topic}:field", or name a topic of joints, pose or imu'
@@ -146,7 +146,7 @@ def _by_fields(recording: Recording, role: str, width: int, setup: Setup, file: 
 
 
 def _check_width(stream: Stream, role: str, width: int, file: str) -> Stream:
-    """The stream itself, if it has so many numbers."""
+    """The stream itself, if it has ``width`` numbers per sample."""
     if stream.values.shape[1] != width:
         message = f"{stream.topic} has {stream.values.shape[1]} numbers for the {role}, not {width}"
         remedy = 'choose entries: "/topic:field[0:6]", or several fields by commas'
@@ -155,7 +155,7 @@ def _check_width(stream: Stream, role: str, width: int, file: str) -> Stream:
 
 
 def _choose_imu(recording: Recording, setup: Setup, pose: PoseSetup, file: str) -> Stream | None:
-    """What an IMU says of that which the setup uses; None if nothing is, or if it is not needed and there is none."""
+    """Stream of the IMU data that the setup uses; None if it uses none, or if they are optional and not available."""
     needed = pose.linear == "specific_force"
     found = _of_role(recording, IMU, setup)
     if not pose.columns[1] or not (found or needed or IMU in setup.log.topics):
@@ -164,7 +164,7 @@ def _choose_imu(recording: Recording, setup: Setup, pose: PoseSetup, file: str) 
         types = " or ".join(kind for kind, sources in SOURCES.items() if IMU in {source.role for source in sources})
         raise _missing(recording, f"there is no specific force: no topic has the type {types}", IMU, file)
     if not needed and IMU not in setup.log.topics:
-        return None  # a gyroscope may be anybody's: the setup must name it
+        return None  # a gyroscope may be on any body: the setup must name it
     one = _interleave(_choose(IMU, found, setup, file))
     if one.values.shape[1] == 3:
         return one if needed else None
@@ -173,7 +173,7 @@ def _choose_imu(recording: Recording, setup: Setup, pose: PoseSetup, file: str) 
 
 
 def _joint_streams(recording: Recording, setup: Setup, file: str) -> list[Stream]:
-    """The streams that have any of the arm's joints."""
+    """The streams that contain any of the arm's joints."""
     names = setup.robot.joint_names
     found = [stream for stream in recording.streams if stream.role == JOINTS]
     if not found:
@@ -187,7 +187,7 @@ def _joint_streams(recording: Recording, setup: Setup, file: str) -> list[Stream
 
 
 def _choose(what: str, streams: Sequence[Stream], setup: Setup, file: str) -> list[Stream]:
-    """The streams of the topic that the setup names, or of the only one there is."""
+    """The streams of the topic that the setup names, or of the only topic there is."""
     topics = sorted({stream.topic for stream in streams})
     field = f"log.topics.{what}"
     topic = setup.log.topics.get(what, topics[0] if topics else "")
@@ -202,12 +202,12 @@ def _choose(what: str, streams: Sequence[Stream], setup: Setup, file: str) -> li
 
 
 def _joint_positions(streams: Sequence[Stream], names: Sequence[str], file: str) -> Stream:
-    """All publishers of a topic as one stream, with columns for the joints of the arm in the setup's order."""
+    """Merge all publishers of a topic into one stream, with columns for the arm's joints in the setup's order."""
     n = len(names)
     placed = []
     for stream in streams:
         values = np.full((len(stream.stamps), 2 * n), np.nan)
-        if not stream.names:  # of a type that gives its joints no names: they are in the arm's order
+        if not stream.names:  # the message type has no joint names: the values are in the arm's order
             _check_width(stream, JOINTS, n if stream.values.shape[1] == n else 2 * n, file)
             values[:, : stream.values.shape[1]] = stream.values
         for column, name in enumerate(stream.names):
@@ -219,7 +219,7 @@ def _joint_positions(streams: Sequence[Stream], names: Sequence[str], file: str)
 
 
 def _interleave(streams: Sequence[Stream]) -> Stream:
-    """Streams of the same columns as one, in the order in which the messages were stored."""
+    """Merge streams with the same columns, in the order in which the messages were stored."""
     parts = zip(*((stream.stamps, stream.logged, stream.order, stream.values) for stream in streams), strict=True)
     stamps, logged, order, values = map(np.concatenate, parts)
     whole = streams[0]._replace(stamps=stamps, logged=logged, order=order, values=values)
@@ -227,7 +227,7 @@ def _interleave(streams: Sequence[Stream]) -> Stream:
 
 
 def _missing(recording: Recording, message: str, role: str, file: str) -> LogError:
-    """The error of a recording that has no topic for a role; the remedy says what there is instead."""
+    """Error for a recording that has no topic for a role; the remedy lists the topics that it has."""
     topics = [f"{topic.name} ({topic.message_type})" for topic in recording.topics]
     listed = f"; there is {', '.join(topics[:12])}" if topics else ""
     remedy = f"record it{listed}{', ...' if len(topics) > 12 else ''}"

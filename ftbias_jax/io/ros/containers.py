@@ -1,9 +1,9 @@
-"""The containers of ROS that are lists of records: bags of ROS 1 (format 2.0), and MCAP files (https://mcap.dev/spec).
+"""Readers of record-based ROS containers: ROS 1 bags (format 2.0) and MCAP files (https://mcap.dev/spec).
 
-In a bag a record is header length, header, data length, data, both lengths uint32. The header is a list of fields
-``name=value``; ``op`` is the kind of record. A chunk's data are perhaps compressed.
+A record of a bag consists of header length, header, data length and data, both lengths uint32. The header is a list of
+fields ``name=value``; ``op`` is the kind of record. A chunk's data may be compressed.
 
-In MCAP a record is its kind uint8, its length uint64, and its content.
+A record of an MCAP file consists of its kind (uint8), its length (uint64) and its content.
 """
 
 import re
@@ -15,21 +15,21 @@ from ftbias_jax.io.budget import Budget, UnpackError, unpack, unpack_cut
 from ftbias_jax.io.ros import raw
 from ftbias_jax.io.ros.raw import Buffer, ChunkedFile, Definition, OnDamage, RawMessage, Record, plain_type
 
-MAX_HEADER = 1 << 16  # bytes of a bag's record: the longest real ones hold a topic's name
+MAX_HEADER = 1 << 16  # bytes of a bag record's header; the longest real ones hold a topic's name
 FILE_HEADER, CONNECTION = 3, 7
-LONGEST_NAME = 4  # of a compression in MCAP: "", "lz4", "zstd"
+LONGEST_NAME = 4  # characters of a compression's name in MCAP: "", "lz4", "zstd"
 FOOTER, SCHEMA, CHANNEL, DATA_END = 2, 3, 4, 15
 
 _OPERATIONS = frozenset(range(2, 8))
 _OP_FIELD = re.compile(rb"\x04\x00\x00\x00op=[\x02-\x07]")
-_BEFORE_OP = 160  # bytes of other fields that may stand before op; the search after damage looks no farther back
+_BEFORE_OP = 160  # bytes of other fields that may precede op; the search after damage looks back no farther
 _RECORD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQI")  # first and last time, unpacked size, checksum
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, logged, published
 
 
 class Ros1Bag(ChunkedFile):
-    """One bag; after damage the search goes on at the next header that holds together, also inside of a plain chunk."""
+    """A ROS 1 bag; after damage, reading resumes at the next valid header, also inside an uncompressed chunk."""
 
     MAGIC = b"#ROSBAG V2.0\n"
     CHUNK, MESSAGE = 5, 2
@@ -38,7 +38,7 @@ class Ros1Bag(ChunkedFile):
 
     def __init__(self, data: Buffer, on_damage: OnDamage, budget: Budget) -> None:
         super().__init__(data, on_damage, budget)
-        self.topics: dict[int, tuple[str, str, Definition]] = {}  # connection: topic and type
+        self.topics: dict[int, tuple[str, str, Definition]] = {}  # connection -> topic, type, definition
 
     def _note(self, record: Record) -> None:
         index = int.from_bytes(record.header.get(b"index_pos", b""), "little") if record.kind == FILE_HEADER else 0
@@ -109,7 +109,7 @@ def _integer(header: Mapping[bytes, bytes], name: bytes) -> int:
 
 
 class McapFile(ChunkedFile):
-    """One file; after damage the search goes on at the next whole chunk."""
+    """An MCAP file; after damage, reading resumes at the next whole chunk."""
 
     MAGIC = b"\x89MCAP0\r\n"
     CHUNK, MESSAGE, LAST = 6, 5, FOOTER
@@ -122,7 +122,7 @@ class McapFile(ChunkedFile):
         self.finished = False
 
     def scan(self) -> Iterator[RawMessage]:
-        """All messages."""
+        """Yield all messages."""
         yield from super().scan()
         if not self.finished:
             self.on_damage("is cut short: it ends without a footer")
@@ -131,7 +131,7 @@ class McapFile(ChunkedFile):
         self.finished = self.finished or record.kind in (FOOTER, DATA_END)
 
     def _chunk(self, record: Record) -> bytes:
-        """The records, if the checksum says that they are what was written; there is none for half a chunk."""
+        """The records of a chunk, verified by its checksum; a truncated chunk cannot be verified."""
         content = self.data[record.start : record.end]
         _, _, size, checksum = _CHUNK.unpack_from(content)
         compression, position = _text(content, _CHUNK.size)
@@ -155,7 +155,7 @@ class McapFile(ChunkedFile):
             try:
                 definition = _text(content, position)[0]
             except raw.DAMAGE:
-                definition = ""  # which matters to nobody who does not ask for it
+                definition = ""  # needed only if fields of this type are requested
             self.schemas[identity] = (plain_type(name), Definition(language, definition))
         else:
             (schema,) = struct.unpack_from("<H", content, 2)
@@ -183,7 +183,7 @@ class McapFile(ChunkedFile):
 
 
 def _chunk_end(data: Buffer, start: int) -> int | None:
-    """Where a chunk's content that starts here ends by its own account, which repeats the record's."""
+    """End of a chunk's content that starts here, by the chunk's own lengths, which repeat the record's length."""
     try:
         (length,) = struct.unpack_from("<I", data, start + _CHUNK.size)
         records = start + _CHUNK.size + 4 + length

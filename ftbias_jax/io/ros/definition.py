@@ -1,8 +1,8 @@
-"""Definitions of messages as recordings bring them: the text of .msg files, one type after the other.
+"""Parsing of the message definitions in recordings: the texts of .msg files, one type after the other, or OMG IDL.
 
-The first type is that of the message; each that it is made of follows behind a line of = and a line ``MSG: pkg/Type``.
-ROS 1 stores this text with each connection, ROS 2 with each schema of an MCAP file, and since Iron in SQLite bags; or
-it stores OMG's interface description language (IDL).
+The first type is that of the message; each type that it contains follows a line of = and a line ``MSG: pkg/Type``.
+ROS 1 stores this text with each connection; ROS 2 stores it with each schema of an MCAP file and, since Iron, in SQLite
+bags, or uses OMG's interface description language (IDL) instead.
 """
 
 import re
@@ -14,18 +14,18 @@ from ftbias_jax.io.ros.messages import MessageError
 from ftbias_jax.io.ros.raw import Definition, plain_type
 
 MAX_TEXT = 1 << 18
-"""Characters; the longest real ones have some ten thousand."""
+"""Characters of a definition; the longest real ones have some ten thousand."""
 MAX_DEPTH = 32
-"""Of types within types."""
+"""Maximum nesting depth of types."""
 SEQUENCE = -1
-"""``Field.length`` of a list that says itself how long it is."""
+"""``Field.length`` of a list whose length is stored in the message."""
 
 PRIMITIVES = {
     **{"bool": ("B", 1), "byte": ("B", 1), "char": ("B", 1), "octet": ("B", 1), "int8": ("b", 1), "uint8": ("B", 1)},
     **{"int16": ("h", 2), "uint16": ("H", 2), "int32": ("i", 4), "uint32": ("I", 4)},
     **{"int64": ("q", 8), "uint64": ("Q", 8), "float32": ("f", 4), "float64": ("d", 8)},
 }
-"""Type -> letter of struct, and bytes."""
+"""Type -> format character of ``struct``, and bytes."""
 TEXTS = ("string", "wstring")
 HEADER = "std_msgs/Header"
 _CLOCK = {"time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration"}
@@ -52,26 +52,26 @@ class Field(NamedTuple):
 
     name: str
     type: str
-    """A primitive type, text, or the plain name of another type."""
+    """A primitive type, a string type, or the plain name of another type."""
     length: int | None = None
-    """Of an array; SEQUENCE = a list; None = one value."""
+    """Length of an array; SEQUENCE = a list of variable length; None = one value."""
 
 
 Types = Mapping[str, tuple[Field, ...]]
-"""Plain name -> fields."""
+"""Plain name of a type -> its fields."""
 
 _HEADER = (Field("stamp", _CLOCK["time"]), Field("frame_id", "string"))
 
 
 def parse(definition: Definition, root: str, ros1: bool) -> Types:
-    """The types of a definition in either language, by plain name."""
+    """Parse a definition in either language into its types, by plain name."""
     return (
         parse_idl(definition.text, root) if definition.format == "ros2idl" else parse_msg(definition.text, root, ros1)
     )
 
 
 def split_definition(text: str, root: str) -> dict[str, str]:
-    """Plain name -> text of every type."""
+    """Split a definition into the text of every type, by plain name."""
     if len(text) > MAX_TEXT:
         raise MessageError(f"has a definition of {len(text)} characters")
     found: dict[str, str] = {}
@@ -85,7 +85,7 @@ def split_definition(text: str, root: str) -> dict[str, str]:
 
 
 def parse_msg(text: str, root: str, ros1: bool) -> Types:
-    """The types of a definition in the language of .msg files."""
+    """Parse a definition in the language of .msg files into its types, by plain name."""
     types = {}
     for name, part in split_definition(text, root).items():
         fields = []
@@ -94,7 +94,7 @@ def parse_msg(text: str, root: str, ros1: bool) -> Types:
             found = _FIELD.fullmatch(line)
             if found is None and line and "=" not in line:
                 raise MessageError(f"has a definition with the line {line[:60]!r}")
-            if found is not None and not found["rest"].startswith("="):  # constants take no room
+            if found is not None and not found["rest"].startswith("="):  # constants are not stored in messages
                 count = None if found["list"] is None else int(found["count"] or SEQUENCE)
                 bounded = found["list"] is not None and "<" in found["list"]
                 fields.append(Field(found["name"], _full(found["type"], name), SEQUENCE if bounded else count))
@@ -103,7 +103,7 @@ def parse_msg(text: str, root: str, ros1: bool) -> Types:
 
 
 def with_common(types: Mapping[str, tuple[Field, ...]], ros1: bool) -> Types:
-    """The types with those that definitions may leave out; ROS 2 gives a type without fields one byte."""
+    """Add the types that definitions may omit; ROS 2 gives a type without fields one byte."""
     whole, part = ("uint32", "uint32") if ros1 else ("int32", "uint32")
     common = {
         _CLOCK["time"]: (Field("sec", whole), Field("nanosec", part)),
@@ -115,7 +115,7 @@ def with_common(types: Mapping[str, tuple[Field, ...]], ros1: bool) -> Types:
 
 
 def smallest(types: Types, name: str, known: dict[str, int] | None = None, depth: int = 0) -> dict[str, int]:
-    """The least bytes that a type and all that it is made of take, by name; types within themselves are refused."""
+    """Minimum bytes of a type and of all types that it contains, by name; recursive types are refused."""
     known = {} if known is None else known
     if name in known:
         return known
@@ -134,7 +134,7 @@ def smallest(types: Types, name: str, known: dict[str, int] | None = None, depth
 
 
 def _full(kind: str, within: str) -> str:
-    """The plain name of a type; one without a package is of the package of the type that it stands in."""
+    """The plain name of a type; a name without a package refers to the package of the enclosing type."""
     if kind in PRIMITIVES or kind in TEXTS:
         return kind
     if kind in _CLOCK:
@@ -145,7 +145,7 @@ def _full(kind: str, within: str) -> str:
 
 
 def parse_idl(text: str, root: str) -> Types:
-    """The types of a definition, by plain name."""
+    """Parse a definition in IDL into its types, by plain name."""
     types: dict[str, tuple[Field, ...]] = {}
     for part in split_definition(text, root).values():
         _module(_Tokens(part), types, {}, [])
@@ -153,17 +153,17 @@ def parse_idl(text: str, root: str) -> Types:
 
 
 class _Tokens:
-    """Words and marks one after the other, without comments."""
+    """Tokens of an IDL text in order, without comments."""
 
     def __init__(self, text: str) -> None:
         self._left = deque(_words(text))
 
     def peek(self) -> str:
-        """The next one; "" at the end."""
+        """The next token, which is not consumed; "" at the end."""
         return self._left[0] if self._left else ""
 
     def take(self, wanted: str = "") -> str:
-        """The next one, which must be there, and be the wanted one; annotations before it are skipped."""
+        """Consume the next token, which must exist and equal ``wanted`` if given; annotations before it are skipped."""
         token = self._next()
         while token == "@":
             self._next()
@@ -188,7 +188,7 @@ def _words(text: str) -> Iterator[str]:
         if match["comment"]:
             end = text.find("*/", position)
             position = len(text) if end < 0 else end + 2
-        if match["mark"] == '"':  # looking for its end again and again would take forever
+        if match["mark"] == '"':  # repeated searches for its end would take forever
             raise MessageError("has a definition with a text that does not end")
         if token := match["text"] or match["word"] or match["mark"]:
             yield token
@@ -197,7 +197,7 @@ def _words(text: str) -> Iterator[str]:
 def _module(
     tokens: _Tokens, types: dict[str, tuple[Field, ...]], aliases: dict[str, Field], path: list[str], depth: int = 0
 ) -> None:
-    """What stands in a module, or in the file: modules, structs, aliases; constants are skipped."""
+    """Parse the content of a module or of the file: modules, structs and typedefs; constants are skipped."""
     if depth > 8:
         raise MessageError("has a definition with modules within modules without end")
     while tokens.peek() not in ("}", ""):
@@ -228,7 +228,7 @@ def _module(
 
 
 def _fields(tokens: _Tokens, aliases: dict[str, Field], path: list[str]) -> list[Field]:
-    """One declaration up to its semicolon: fields of one type."""
+    """Parse one declaration up to its semicolon: fields of one type."""
     kind, count = _type(tokens, aliases, path, tokens.take())
     fields, name = [], tokens.take()
     while True:
@@ -249,7 +249,7 @@ def _fields(tokens: _Tokens, aliases: dict[str, Field], path: list[str]) -> list
 
 
 def _type(tokens: _Tokens, aliases: dict[str, Field], path: list[str], word: str) -> tuple[str, int | None]:
-    """A type, and how many of it."""
+    """Parse a type; returns its name and ``Field.length``."""
     if word == "sequence":
         tokens.take("<")
         word = tokens.take()

@@ -1,4 +1,4 @@
-"""Numbers of a message of any type by the path of their field, such as ``wrench.force`` or ``tau[0:6]``."""
+"""Reading of numbers from messages of any type by field path, such as ``wrench.force`` or ``tau[0:6]``."""
 
 import importlib
 import re
@@ -13,7 +13,7 @@ from ftbias_jax.io.ros.raw import Definition
 from ftbias_jax.setup.fields import nearest
 
 MAX_VALUES = 1000
-"""Numbers that are taken of one message."""
+"""Maximum number of values read from one message."""
 _PART = re.compile(r"([A-Za-z]\w*)(?:\[(\d{1,6})?(:)?(\d{1,6})?\])?")
 _VECTOR = "float64 x\nfloat64 y\nfloat64 z"
 COMMON = {
@@ -35,27 +35,27 @@ COMMON = {
     "std_msgs/Float64": "float64 data",
     "std_msgs/Float32": "float32 data",
 }
-"""Definitions, where a recording brings none: SQLite bags do so since ROS 2 Iron."""
+"""Definitions for recordings that hold none: SQLite bags hold them only since ROS 2 Iron."""
 _RULE = "\n" + "=" * 80 + "\n"
 STORES = ("ROS2_HUMBLE", "LATEST")
-"""Of the package rosbags, which is asked for types of ROS 2 that are not common, if it is installed."""
+"""Type stores of the package rosbags, which is consulted for other types of ROS 2, if it is installed."""
 
 Path = tuple[tuple[str, slice], ...]
-"""Names from the message inwards, and which entries of each, all of them if nothing is said; () = the message."""
+"""Field names from the message inwards, and the entries of each (all by default); () = the message itself."""
 
 
 class Plan(NamedTuple):
-    """How to take fields from every message of a type."""
+    """Plan for reading some fields from every message of a type."""
 
     types: Types
     root: str
     least: dict[str, int]
-    """Type -> the bytes it takes at least."""
+    """Type -> the minimum number of bytes that it takes."""
     paths: tuple[Path, ...]
 
 
 def parse_paths(text: str) -> tuple[Path, ...]:
-    """Paths separated by commas; "" = the message itself."""
+    """Parse paths separated by commas; "" = the message itself."""
     return tuple(tuple(_part(word.strip()) for word in path.split(".") if path.strip()) for path in text.split(","))
 
 
@@ -71,10 +71,10 @@ def _part(word: str) -> tuple[str, slice]:
 
 
 def make_plan(types: Types, root: str, text: str) -> Plan:
-    """How to take fields.
+    """Plan for reading the fields at the paths ``text``.
 
     Raises:
-        MessageError: the types make no sense. LogError: they have no such path; it names no file.
+        MessageError: the types are invalid. LogError: they have no such path; the error names no file.
     """
     least = smallest(types, root)
     paths = parse_paths(text)
@@ -89,7 +89,7 @@ def make_plan(types: Types, root: str, text: str) -> Plan:
             kind = fields[name].type
         if kind in TEXTS:
             raise LogError(f"{path[-1][0]!r} is text", remedy="name a field of numbers")
-    # A type may have any number of fields that take no room, which nobody shall walk through.
+    # A type may have any number of fields that take no bytes, which must not be iterated over.
     kept = {
         name: tuple(x for x in types[name] if x.length == SEQUENCE or (x.length != 0 and least.get(x.type) != 0))
         for name in least
@@ -98,10 +98,10 @@ def make_plan(types: Types, root: str, text: str) -> Plan:
 
 
 def take(plan: Plan, data: bytes, encoding: str) -> Reading:
-    """The numbers of one message, path by path.
+    """Read the wanted numbers of one message, path by path.
 
     Raises:
-        MessageError: it is damaged, or has too many of them.
+        MessageError: the message is damaged, or has too many wanted numbers.
     """
     cursor = Cursor(data, encoding)
     if len(data) < plan.least[plan.root]:
@@ -125,7 +125,7 @@ _Wanted = Sequence[tuple[Path, list[float]]]
 
 
 def _walk(plan: Plan, cursor: Cursor, kind: str, wanted: _Wanted) -> None:
-    """Read a value of a type, and what is wanted of it; nothing is read behind the last field that is."""
+    """Read a value of a type and collect the wanted numbers; nothing is read after the last wanted field."""
     fields = plan.types[kind]
     of_field = [[(path, out) for path, out in wanted if not path or path[0][0] == field.name] for field in fields]
     last = max((i for i, some in enumerate(of_field) if some), default=-1) if kind == plan.root else len(fields)
@@ -147,14 +147,14 @@ def _walk(plan: Plan, cursor: Cursor, kind: str, wanted: _Wanted) -> None:
                 out.extend(map(float, numbers[chosen]))
         else:
             count = _count(cursor, field, plan.least[field.type])
-            if plan.least[field.type]:  # nothing is stored of what takes no room
+            if plan.least[field.type]:  # types that take no bytes are not stored
                 for i in range(count):
                     here = [(path, out) for chosen, path, out in inner if i in range(*chosen.indices(count))]
                     _walk(plan, cursor, field.type, here)
 
 
 def _count(cursor: Cursor, field: Field, least: int) -> int:
-    """How many values a field has, all of which the bytes that are left have room for."""
+    """Number of values of a field, checked against the bytes that are left."""
     if field.length == SEQUENCE:
         return cursor.count(least)
     count = 1 if field.length is None else field.length
@@ -164,7 +164,7 @@ def _count(cursor: Cursor, field: Field, least: int) -> int:
 
 
 def types_of(message_type: str, encoding: str, definition: Definition) -> Types | None:
-    """The types that a message is made of; None if nobody says."""
+    """The types that make up a message; None if no definition is known."""
     ros1 = encoding == "ros1"
     if definition.text.strip():
         return parse(definition, message_type, ros1)
@@ -175,7 +175,7 @@ def types_of(message_type: str, encoding: str, definition: Definition) -> Types 
 
 
 def _by_rosbags(message_type: str) -> Types | None:
-    """The definition that the package rosbags has of a type of ROS 2; None without the package, or the type."""
+    """The types of a ROS 2 message as defined in the package rosbags; None without the package, or the type."""
     try:
         typesys: Any = importlib.import_module("rosbags.typesys")
     except ImportError:

@@ -1,4 +1,4 @@
-"""The pose of the sensor's mount in a recording of ROS: a topic of PoseStamped, or frames of TF."""
+"""The pose of the sensor's mount in a ROS recording: from a topic of PoseStamped, or from frames of TF."""
 
 from collections.abc import Mapping
 from functools import reduce
@@ -15,7 +15,7 @@ from ftbias_jax.types import Array
 
 
 def pose_streams(recording: Recording, pose: PoseSetup, file: str) -> list[Stream]:
-    """Streams with position (m) and orientation (x, y, z, w), (T, 7), to choose one from."""
+    """Candidate streams of position (m) and orientation (x, y, z, w), (T, 7)."""
     if pose.frame:
         return [_follow_frames(recording, pose, file)]
     found = [stream for stream in recording.streams if stream.role == POSE]
@@ -27,7 +27,7 @@ def pose_streams(recording: Recording, pose: PoseSetup, file: str) -> list[Strea
 
 
 def _follow_frames(recording: Recording, pose: PoseSetup, file: str) -> Stream:
-    """The pose of a frame in its base, wherever all moving transforms between them share a stamp."""
+    """The pose of a frame in its base, at the stamps that all moving transforms between them share."""
     links = {stream.names[1]: stream for stream in recording.streams if stream.role == TRANSFORM}
     to_frame = _from_root(links, pose.frame, file)
     to_base = _from_root(links, pose.base, file) if pose.base else []
@@ -55,7 +55,7 @@ def _follow_frames(recording: Recording, pose: PoseSetup, file: str) -> Stream:
 
 
 def _from_root(links: Mapping[str, Stream], frame: str, file: str) -> list[Stream]:
-    """The transforms from the root of a tree of frames to one of them."""
+    """The transforms from the root of the tree of frames to one frame."""
     names = {name for link in links.values() for name in link.names}
     if frame not in names:
         message = f"there is no frame {frame!r} in TF"
@@ -70,7 +70,7 @@ def _from_root(links: Mapping[str, Stream], frame: str, file: str) -> list[Strea
 
 
 def _at(link: Stream, stamps: Array) -> Array:
-    """(T, 7) of a link at stamps that it has, or anywhere if it never moves."""
+    """Transforms (T, 7) of a link at stamps that it has, or at any stamps if it never moves."""
     if len(np.unique(link.stamps)) == 1:
         return np.broadcast_to(link.values[-1], (len(stamps), 7))
     return link.values[_rows_at(link, stamps)]
@@ -82,13 +82,13 @@ def _rows_at(link: Stream, stamps: Array) -> Array:
 
 
 def _compose(outer: Array, inner: Array) -> Array:
-    """Pose of the inner frame in the base of the outer one; (T, 7) each."""
+    """Compose two poses (T, 7): the pose of the inner frame in the base of the outer one."""
     first, second = (x[:, [6, 3, 4, 5]] for x in (outer, inner))
     position = outer[:, :3] + rotate(first, inner[:, :3])
     return np.concatenate([position, product(first, second)[:, [1, 2, 3, 0]]], 1)
 
 
 def in_setup_order(values: Array, pose: PoseSetup) -> Array:
-    """(T, 7) position and orientation (x, y, z, w) -> the columns of ``pose.pose_entries``."""
+    """Convert (T, 7) position and orientation (x, y, z, w) to the columns that ``pose.pose_entries`` expects."""
     orientation = values[:, 3:] if pose.orientation == "quaternion_xyzw" else values[:, [6, 3, 4, 5]]
     return np.concatenate([orientation, values[:, : 3 * (pose.linear == "position")]], 1)

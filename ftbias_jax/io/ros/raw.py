@@ -1,4 +1,4 @@
-"""What all recordings of ROS are to their readers: messages as bytes, in the order in which they were stored."""
+"""Common interface of ROS recordings: messages as bytes, in the order in which they were stored."""
 
 import struct
 from abc import ABC, abstractmethod
@@ -14,10 +14,10 @@ OnDamage = Callable[[str], None]
 
 
 class Definition(NamedTuple):
-    """What a recording says of a type of messages."""
+    """Definition of a message type, as a recording stores it."""
 
     format: str = ""
-    """ "ros1msg", "ros2msg" or "ros2idl"; "" = it says nothing."""
+    """ "ros1msg", "ros2msg" or "ros2idl"; "" = no definition is stored."""
     text: str = ""
 
 
@@ -29,42 +29,42 @@ class RawMessage(NamedTuple):
 
     topic: str
     message_type: str
-    """Such as ``sensor_msgs/JointState``, the same for ROS 1 and 2."""
+    """Plain type such as ``sensor_msgs/JointState``, the same for ROS 1 and 2."""
     encoding: str
-    """"ros1" or "cdr", or something that is no encoding of ROS."""
+    """"ros1" or "cdr", or an encoding that ROS does not use."""
     logged: int
-    """ns, when the recorder got it."""
+    """ns; time at which the recorder received the message."""
     data: bytes
     definition: Definition = UNDEFINED
 
 
 class Record(NamedTuple):
-    """A piece of a file that says itself where it ends."""
+    """A section of a file that states its own length."""
 
     kind: int
     start: int
-    """Of its content."""
+    """Byte at which the content starts."""
     end: int
     whole: bool = True
-    """False for a chunk whose end is missing, and of which a part can be had nevertheless."""
+    """False for a chunk whose end is missing, but of which a part can still be read."""
     header: Mapping[bytes, bytes] = {}
-    """Of ROS 1."""
+    """Fields of the header of a ROS 1 record."""
 
 
 class ChunkedFile(ABC):
-    """A list of records, some of which are chunks of records, read from front to back.
+    """A file of records, some of which are chunks of records, read from front to back.
 
-    No index is needed, so files that are cut or were never finished are read as well. What is damaged is told to
-    ``on_damage`` and skipped; LogError: a decompressor is not installed, or the budget is spent.
+    No index is needed, so files that are truncated or were never finished are read as well. Damage is reported to
+    ``on_damage`` and skipped; a LogError is raised if a decompressor is not installed, or the budget is spent.
     """
 
     MAGIC: ClassVar[bytes]
     CHUNK: ClassVar[int]
     MESSAGE: ClassVar[int]
     DEFINING: ClassVar[Mapping[int, str]]
-    """Kinds of records that define types or topics, and what messages call them."""
+    """Kinds of records that define types or topics -> their names in error messages."""
     LAST: ClassVar[int | None] = None
-    """Kind of the record behind which nothing is read."""
+    """Kind of record after which nothing is read."""
     DAMAGED: ClassVar[str] = "is damaged"
 
     def __init__(self, data: Buffer, on_damage: OnDamage, budget: Budget) -> None:
@@ -72,30 +72,30 @@ class ChunkedFile(ABC):
 
     @abstractmethod
     def _record_at(self, data: Buffer, position: int) -> Record | None:
-        """The record at a position, or None if it makes no sense there."""
+        """The record at a position, or None if there is no valid one."""
 
     @abstractmethod
     def _next_whole(self, data: Buffer, position: int) -> int:
-        """Where, from a position on, the next record starts that holds together, or the end of the data."""
+        """Start of the next valid record from a position on, or the end of the data."""
 
     @abstractmethod
     def _chunk(self, record: Record) -> bytes:
-        """The records of a chunk."""
+        """The decompressed records of a chunk."""
 
     @abstractmethod
     def _learn(self, record: Record, content: bytes) -> None:
-        """Keep what a record defines."""
+        """Store the type or topic that a record defines."""
 
     @abstractmethod
     def _message(self, record: Record, content: bytes) -> RawMessage:
         """The message in a record."""
 
     def _note(self, record: Record) -> None:  # noqa: B027
-        """Look at any record of the file but its chunks."""
+        """Hook for every record of the file that is not a chunk."""
 
     def scan(self) -> Iterator[RawMessage]:
-        """All messages."""
-        # Definitions stand once more behind the chunks: a first pass over the outermost records finds those.
+        """Yield all messages."""
+        # Definitions are repeated after the chunks: a first pass over the outermost records finds them.
         for record in self._records(self.data, len(self.MAGIC), _ignore):
             if record.kind in self.DEFINING:
                 self._try(self._learn, record, self.data, _ignore)
@@ -115,7 +115,7 @@ class ChunkedFile(ABC):
                 yield from self._messages(chunk, inner)
 
     def _records(self, data: Buffer, position: int, on_damage: OnDamage) -> Iterator[Record]:
-        """The records from a position on; what makes no sense is told and skipped."""
+        """Yield the records from a position on; invalid bytes are reported and skipped."""
         while position < len(data):
             self.budget.count()
             record = self._record_at(data, position)
@@ -151,9 +151,9 @@ DAMAGE = (KeyError, struct.error, UnicodeDecodeError)
 
 
 def _ignore(what: str) -> None:
-    """Damage is told in the second pass."""
+    """Ignore damage in the first pass, because the second pass reports it."""
 
 
 def plain_type(message_type: str) -> str:
-    """The type's name without the /msg/ that ROS 2 puts in the middle."""
+    """The type's name without the /msg/ that ROS 2 inserts."""
     return message_type.replace("/msg/", "/")

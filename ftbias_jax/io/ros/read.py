@@ -1,4 +1,4 @@
-"""Logs as recordings of ROS 1 and 2: topics found by their type, joints matched by their names."""
+"""Reading of logs from ROS 1 and ROS 2 recordings: topics are found by type, joints are matched by name."""
 
 import os
 
@@ -16,26 +16,26 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 CREDIBLE_DELAY = 10**10
-"""ns: how much more or less than usual a message of a damaged recording may be late."""
+"""ns; largest deviation of a message's delay from the median that is credible in a damaged recording."""
 RATE_STDERRS, LEAST_RATE = 5.0, 20.0
-"""Standard errors and ppm from which on the rate of a clock is told; any two quartzes differ by a few ppm."""
+"""Standard errors and ppm from which a clock's rate is reported; any two quartz oscillators differ by a few ppm."""
 
 
 def read_ros(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> Log:
     """Read a ROS 1 bag, or a ROS 2 bag: its folder, or a ``.db3`` or ``.mcap`` file.
 
-    If the setup has a sensor_pose, it comes from a topic of geometry_msgs/PoseStamped, or from TF. Otherwise the joints
-    come from all publishers of one topic of sensor_msgs/JointState, the wrench from one topic of
-    geometry_msgs/WrenchStamped; messages about other joints, such as a gripper's, are ignored. ``messages`` lists the
-    other types that are known. [log.topics] chooses where there are several, and may name any field of any type;
-    [log.clocks] chooses the stamps. ``salvage`` skips what is damaged.
+    If the setup has a sensor_pose, the pose comes from a topic of geometry_msgs/PoseStamped, or from TF. Otherwise the
+    joints come from all publishers of one topic of sensor_msgs/JointState; messages about other joints, such as a
+    gripper's, are ignored. The wrench comes from one topic of geometry_msgs/WrenchStamped. ``messages`` lists the other
+    known types. [log.topics] selects among several topics, and may name any field of any type; [log.clocks] selects the
+    stamps. ``salvage`` skips damaged parts.
     """
     refuse_columns(setup, setup.log.columns, os.fspath(path))
     return log_of(read_recording(path, salvage=salvage, wanted=wanted_of(setup)), setup, os.fspath(path))
 
 
 def log_of(recording: Recording, setup: Setup, file: str = "") -> Log:
-    """The log in a recording that is read already; see ``read_ros``."""
+    """Build the log from a recording that has already been read; see ``read_ros``."""
     mended: list[Repair] = []
     recording = credible(recording, mended)
     chosen = choose(recording, ("position", "velocity", "wrench", "temperature"), setup, file)
@@ -45,7 +45,7 @@ def log_of(recording: Recording, setup: Setup, file: str = "") -> Log:
 
 
 def parts_of(chosen: Chosen, setup: Setup, mended: list[Repair], file: str = "") -> list[Part]:
-    """Streams with stamps that can be compared, in order, as arrays of a log; what that took is added to ``mended``."""
+    """Streams as arrays of a log, sorted and with comparable stamps; the necessary repairs are added to ``mended``."""
     timed = _stamped(chosen, setup, mended, file)
     known = {name: t != 0 for name, t in timed.items()}
     main = _main(chosen)
@@ -70,19 +70,19 @@ def parts_of(chosen: Chosen, setup: Setup, mended: list[Repair], file: str = "")
         arrays = {name: values[:, 0] if name == "temperature" else values}
         if role == JOINTS:
             n = values.shape[1] // 2
-            # Their messages have velocities too; what the setup names comes first.
+            # Joint messages hold velocities too; a stream that the setup names takes precedence.
             arrays = {"q": values[:, :n]} | ({} if "dq" in chosen else {"dq": values[:, n:]})
         parts.append((ordered.t, arrays))
     return parts
 
 
 def _main(chosen: Chosen) -> list[str]:
-    """What decides which clock is used: temperatures change slowly, and are recorded by anything."""
+    """Streams that decide which clock is used; not temperatures, which change slowly and are recorded by any device."""
     return [name for name in chosen if name != "temperature"] or list(chosen)
 
 
 def _stamped(chosen: Chosen, setup: Setup, mended: list[Repair], file: str) -> dict[str, Array]:
-    """(T,) ns of every stream, those of its headers or of the recorder; 0 = not known."""
+    """Stamps (T,) ns of every stream, from its headers or from the recorder; 0 = unknown."""
     main = _main(chosen)
     streams = {name: stream for name, (_, stream) in chosen.items()}
     stated = {name: setup.log.clocks.get(role, "") for name, (role, _) in chosen.items()}
@@ -102,7 +102,7 @@ def _stamped(chosen: Chosen, setup: Setup, mended: list[Repair], file: str) -> d
 
 
 def credible(recording: Recording, mended: list[Repair]) -> Recording:
-    """What is left of a damaged recording without stamps and frames that a flipped bit may have made."""
+    """Remove samples of a damaged recording whose stamps or frames may be due to a flipped bit."""
     mended += [Repair(damage, lost=True) for damage in recording.damage]
     if not recording.damage:
         return recording
@@ -124,7 +124,7 @@ def credible(recording: Recording, mended: list[Repair]) -> Recording:
 
 
 def skew(stream: Stream) -> str:
-    """How far the recorder's clock is from that of a stream's headers, and how much faster that runs, in words."""
+    """Offset of the recorder's clock from the clock of a stream's headers, and how fast the latter runs, in words."""
     stamped = stream.stamps != 0
     if not stamped.any():
         return f"{stream.topic} has no stamps"

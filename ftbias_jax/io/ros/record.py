@@ -1,4 +1,4 @@
-"""A recording of ROS, whichever its container, as arrays: one stream a topic and publisher's set of joints."""
+"""A ROS recording in any container as arrays: one stream per topic and set of joint names."""
 
 from __future__ import annotations
 
@@ -34,52 +34,52 @@ from ftbias_jax.io.ros.raw import Definition, OnDamage, RawMessage
 from ftbias_jax.types import Array
 
 SUFFIXES = (".bag", ".db3", ".mcap")
-PACKED = ".zstd"  # a file that rosbag2 compressed as a whole
+PACKED = ".zstd"  # suffix of a file that rosbag2 compressed as a whole
 
 DESCRIPTION = "robot_description"
 """End of the name of the topic on which ROS 2 publishes the URDF."""
-MAX_TOLD = 20  # places of damage
+MAX_TOLD = 20  # damaged places that are listed one by one
 
 _COPY = 1 << 20
 
 
 def is_ros(path: str | os.PathLike[str]) -> bool:
-    """Whether the path names a recording of ROS: a folder, or one of its files."""
+    """Whether the path names a ROS recording: a folder, or one of its files."""
     return os.fspath(path).lower().removesuffix(PACKED).endswith(SUFFIXES) or os.path.isdir(path)
 
 
 class Stream(NamedTuple):
-    """Messages of one topic; those of joints: with one list of joint names."""
+    """Messages of one topic; joint messages are grouped further by their list of joint names."""
 
     topic: str
-    """Behind it, after a colon, the fields that the setup names."""
+    """Name of the topic; if the setup names fields, a colon and their paths follow."""
     message_type: str
     role: str
-    """What it is to a log, one of those in ``messages``."""
+    """Role in a log, one of those in ``messages``."""
     names: tuple[str, ...]
-    """Of the joints, () = in the order of the setup; of a transform, its frame and child; else its frame."""
+    """Joint names, () = in the order of the setup; frame and child frame of a transform; otherwise the frame."""
     stamps: Array
-    """(T,) int64 ns, of the headers; 0 = not set."""
+    """(T,) int64 ns, from the headers; 0 = not set."""
     logged: Array
-    """(T,) int64 ns, when the recorder got them."""
+    """(T,) int64 ns; times at which the recorder received the messages."""
     order: Array
-    """(T,) int64, increasing: places among all messages of the recording, in the order in which they are stored."""
+    """(T,) int64, increasing: indices among all messages of the recording, in the order in which they are stored."""
     values: Array
     """(T, 2 n) positions, then velocities of joints, NaN where not published; (T, 6) a wrench; (T, 7) position and
-    quaternion; (T, 6) angular velocity and acceleration of an IMU, or the latter (T, 3); (T, 1) a temperature."""
+    quaternion; (T, 6) angular velocity and acceleration of an IMU, or (T, 3) acceleration; (T, 1) a temperature."""
 
     def at(self, rows: Array) -> Stream:
-        """The stream with these of its messages, (R,) places or (T,) truth values."""
+        """The stream restricted to some messages, given as (R,) indices or as a (T,) Boolean mask."""
         return self._replace(
             stamps=self.stamps[rows], logged=self.logged[rows], order=self.order[rows], values=self.values[rows]
         )
 
 
 class Wanted(NamedTuple):
-    """What is to be read of a recording beside joints, wrenches and temperatures."""
+    """What is to be read from a recording besides joints, wrenches and temperatures."""
 
     poses: bool = False
-    """Poses, transforms, IMUs and the robot's description."""
+    """Whether to read poses, transforms, IMUs and the robot's description."""
     fields: tuple[tuple[str, str, str], ...] = ()
     """Role, topic, and paths of its fields, separated by commas, as the setup names them."""
 
@@ -88,7 +88,7 @@ NOTHING_ELSE = Wanted()
 
 
 class _Growing(NamedTuple):
-    """A stream while it is read; arrays of C numbers, which take a tenth of the memory of lists."""
+    """A stream while it is read; its arrays of C numbers take a tenth of the memory of lists."""
 
     width: int
     stamps: array[int]
@@ -101,7 +101,7 @@ _Key = tuple[str, str, str, tuple[str, ...]]  # topic, type, role, names
 
 
 class Collector:
-    """Takes messages one after the other."""
+    """Collects messages into streams, one message after the other."""
 
     def __init__(self, wanted: Wanted) -> None:
         self._wanted = wanted
@@ -109,7 +109,7 @@ class Collector:
         self._plans: dict[tuple[str, str, Definition, str], Plan | None] = {}
 
     def add(self, message: RawMessage, place: int) -> None:
-        """Add a message to its streams, if a log is made of its type, or the setup names its topic."""
+        """Add a message to its streams, if its type has a role in a log, or the setup names its topic."""
         for source in SOURCES.get(message.message_type, ()):
             if self._wanted.poses or source.role not in (POSE, TRANSFORM, IMU):
                 self._add_source(message, place, source)
@@ -123,7 +123,7 @@ class Collector:
                 self._append(message, place, f"{topic}:{fields}", role, take(plan, message.data, message.encoding))
 
     def finish(self) -> tuple[Stream, ...]:
-        """All streams, in the order in which they start."""
+        """All streams, in the order of their first messages."""
         found = []
         for key, growing in self._growing.items():
             stamps, logged, order = (np.array(numbers, np.int64) for numbers in growing[1:4])
@@ -141,9 +141,9 @@ class Collector:
             self._append(message, place, message.topic, source.role, reading)
 
     def _plan(self, message: RawMessage, fields: str, stated: str = "") -> Plan | None:
-        """How to take fields of a message, kept for those that follow; None if nobody defines its type.
+        """Plan for reading fields of a message, reused for later messages; None if its type is not defined.
 
-        ``stated`` is the key of the setup that names them; "" = they are those that the type usually has.
+        ``stated`` is the key of the setup that names the fields; "" = they are the usual ones of the type.
         """
         key = (message.message_type, message.encoding, message.definition, fields)
         if key not in self._plans:
@@ -176,7 +176,7 @@ class Collector:
 
 
 class Topic(NamedTuple):
-    """One topic of any type."""
+    """A topic of any type."""
 
     name: str
     message_type: str
@@ -184,24 +184,24 @@ class Topic(NamedTuple):
 
 
 class Recording(NamedTuple):
-    """What a recording holds."""
+    """Content of a recording."""
 
     streams: tuple[Stream, ...]
-    """What a log is made of, in the order in which it starts."""
+    """Streams from which a log is built, in the order of their first messages."""
     topics: tuple[Topic, ...]
-    """All, whatever their type."""
+    """All topics, whatever their type."""
     damage: tuple[str, ...]
-    """What could not be read; () for a whole recording."""
+    """Descriptions of what could not be read; () for an undamaged recording."""
     description: str = ""
-    """The URDF on the topic robot_description, read with the poses; "" = none."""
+    """The URDF on the topic robot_description, read only with the poses; "" = none."""
 
 
 def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, wanted: Wanted = NOTHING_ELSE) -> Recording:
-    """Read what a log is made of from a ROS 1 bag, a ROS 2 bag (a folder, or its .db3 or .mcap file).
+    """Read the streams of a log from a ROS 1 bag, or from a ROS 2 bag (a folder, or its .db3 or .mcap file).
 
     Raises:
-        LogError: it cannot be read, is damaged (without salvage), its compression needs a package, or a message does
-            not have a field that is wanted.
+        LogError: the recording cannot be read, is damaged (without salvage), needs a package for its compression, or a
+            message lacks a wanted field.
     """
     file = os.fspath(path)
     damage: list[str] = []
@@ -232,7 +232,7 @@ def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, wante
                 on_damage(f"message {counts[topic]} of {message.topic} {error}")
     except OSError as error:
         raise LogError(f"cannot be read: {error.strerror or error}", file=file, remedy="check the path") from error
-    except LogError as error:  # of a part, or of a missing package: named after the whole
+    except LogError as error:  # from a part, or for a missing package: report the whole recording
         raise LogError(error.message, file=file, field=error.field, remedy=error.remedy) from error
     if places > MAX_TOLD:
         damage.append(f"{places - MAX_TOLD} more places are damaged")
@@ -241,7 +241,7 @@ def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, wante
 
 
 def _parts(path: Path) -> list[Path]:
-    """The files of a recording: of a folder, all that hold messages; its metadata.yaml is not needed."""
+    """The files of a recording; in a folder, all files with messages (its metadata.yaml is not needed)."""
     if not path.is_dir():
         return [path]
     endings = (*SUFFIXES, *(suffix + PACKED for suffix in SUFFIXES))
@@ -253,7 +253,7 @@ def _parts(path: Path) -> list[Path]:
 
 
 def _messages(path: Path, on_damage: OnDamage) -> Iterator[RawMessage]:
-    """The messages of one file, by what its first bytes are."""
+    """Yield the messages of one file, whose format is recognised by its first bytes."""
     if path.name.lower().endswith(PACKED):
         with temporary_folder() as folder:
             unpacked = Path(folder) / "unpacked"
@@ -275,7 +275,7 @@ def _messages(path: Path, on_damage: OnDamage) -> Iterator[RawMessage]:
 
 
 def _unpack_file(path: Path, target: Path, on_damage: OnDamage) -> None:
-    """Decompress a whole file beside; the temporary folder, not the memory, must have room for it."""
+    """Decompress a whole file to disk; the temporary folder, not the memory, must have room for it."""
     budget = Budget(path)
     zstandard = need("zstandard", "ros", str(path))
     with open(path, "rb") as packed, open(target, "wb") as unpacked:

@@ -11,11 +11,11 @@ from ftbias_jax.io.ros.raw import UNDEFINED, Definition, OnDamage, RawMessage, p
 
 MAGIC = b"SQLite format 3\x00"
 STEPS, A_RECORD = 1000, 10
-"""Steps of SQLite's machine after which the budget is asked, and those that reading a message takes."""
+"""Steps of SQLite's virtual machine between checks of the budget, and steps that reading a message takes."""
 SHORTEST = 1 << 16
-"""Bytes that a value may have however small the file is: SQLite's own statements count as well."""
+"""Bytes that a value may have even in the smallest file, because SQLite's own statements count as well."""
 MAX_STEP = 1 << 20
-"""Messages skipped at once at most in the search for readable ones; the step doubles with every failure."""
+"""Most messages skipped in one step of the search for readable ones; the step doubles with every failure."""
 
 _SELECT = "SELECT id, topic_id, timestamp, data FROM messages WHERE id > ? ORDER BY id"
 _WANTED = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
@@ -23,18 +23,18 @@ _DEFINED = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = '
 
 
 def scan_sqlite(path: str | os.PathLike[str], on_damage: OnDamage, budget: Budget) -> Iterator[RawMessage]:
-    """All messages of a bag; what is damaged is told to ``on_damage`` and skipped."""
-    # A recorder that was killed leaves its last messages in a file beside; without that, nothing else may write.
+    """Yield all messages of a bag; damage is reported to ``on_damage`` and skipped."""
+    # A killed recorder leaves its last messages in a write-ahead log (-wal); without one the file counts as immutable.
     mode = "ro" if Path(f"{os.fspath(path)}-wal").exists() else "ro&immutable=1"
     try:
         with closing(sqlite3.connect(f"{Path(path).absolute().as_uri()}?mode={mode}", uri=True)) as database:
             database.execute("PRAGMA trusted_schema = OFF")
-            database.execute("PRAGMA writable_schema = ON")  # opens a cut database; nothing is written
-            database.text_factory = bytes  # names may be damaged: they are decoded here
-            # In a damaged file pages may point at one another: neither values nor time may grow beyond the file.
+            database.execute("PRAGMA writable_schema = ON")  # allows opening a truncated database; nothing is written
+            database.text_factory = bytes  # names may be damaged, so they are decoded below
+            # In a damaged file pages may reference each other, so the file's size limits both values and time.
             database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(min(MAX_CHUNK, budget.size), SHORTEST))
             database.set_progress_handler(lambda: _spent(budget), STEPS)
-            if database.execute(_WANTED).fetchone() != (2,):  # a view of that name could compute without end
+            if database.execute(_WANTED).fetchone() != (2,):  # a view of that name could compute endlessly
                 on_damage("has no tables topics and messages")
                 return
             topics, definitions = _topics(database, budget), _definitions(database, budget)
@@ -53,17 +53,17 @@ def scan_sqlite(path: str | os.PathLike[str], on_damage: OnDamage, budget: Budge
 
 
 def _topics(database: sqlite3.Connection, budget: Budget) -> dict[object, tuple[str, str, str]]:
-    """Name, type and encoding by identity."""
+    """Name, type and encoding of each topic, by its id."""
     texts = {}
     for identity, *row in database.execute("SELECT id, name, type, serialization_format FROM topics"):
         budget.count()
-        if isinstance(identity, int) and all(isinstance(text, bytes) for text in row):  # SQLite has any type anywhere
+        if isinstance(identity, int) and all(isinstance(text, bytes) for text in row):  # SQLite allows any type here
             texts[identity] = [text.decode() for text in row]
     return {identity: (name, plain_type(kind), encoding) for identity, (name, kind, encoding) in texts.items()}
 
 
 def _definitions(database: sqlite3.Connection, budget: Budget) -> dict[str, Definition]:
-    """How types are defined, by plain name; {} before ROS 2 Iron."""
+    """Definitions of message types, by plain name; {} before ROS 2 Iron."""
     found = {}
     try:
         if database.execute(_DEFINED).fetchone() != (1,):
@@ -74,13 +74,13 @@ def _definitions(database: sqlite3.Connection, budget: Budget) -> dict[str, Defi
                 budget.unpack(sum(map(len, row)))
                 kind, language, text = (text.decode(errors="replace") for text in row)
                 found[plain_type(kind)] = Definition(language, text)
-    except sqlite3.DatabaseError:  # what is left of the messages can be read without
+    except sqlite3.DatabaseError:  # the messages that are left can be read without definitions
         budget.count(0)
     return found
 
 
 def _rows(database: sqlite3.Connection, on_damage: OnDamage, budget: Budget) -> Iterator[tuple[object, object, object]]:
-    """Topic, time and data of the messages in the order of their numbers."""
+    """Topic id, time and data of the messages, in the order of their ids."""
     last, step = -1, 0
     while step <= MAX_STEP:
         try:
@@ -94,7 +94,7 @@ def _rows(database: sqlite3.Connection, on_damage: OnDamage, budget: Budget) -> 
                 yield topic, logged, data
             return
         except sqlite3.DatabaseError as error:
-            budget.count()  # it may be spent: that is what interrupts a statement
+            budget.count()  # a spent budget is what interrupts a statement
             step = 2 * step or 1
             if step == 1:
                 on_damage(f"cannot be read after message {last}: {error}")
@@ -102,6 +102,6 @@ def _rows(database: sqlite3.Connection, on_damage: OnDamage, budget: Budget) -> 
 
 
 def _spent(budget: Budget) -> bool:
-    """Whether a statement is to be interrupted, because it takes more steps than all messages could."""
+    """Whether a statement is to be interrupted because it takes more steps than reading all messages could."""
     budget.records -= STEPS // A_RECORD
     return budget.records < 0

@@ -1,1 +1,1 @@
-"""Stamps of recorded streams: their clocks, their order, and the steady clock behind those that scatter."""
+"""Stamps of recorded streams: their clocks, their order, and the steady clock behind jittering stamps."""

@@ -1,4 +1,4 @@
-"""Stamps of recorded streams: which clock to trust, and order where it is a little wrong."""
+"""Stamps of recorded streams: choice of the clock, and sorting of samples that are slightly out of order."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -12,25 +12,26 @@ from ftbias_jax.types import Array
 
 SECOND = 10**9
 JUMP = SECOND // 10
-"""ns: a stamp this far behind the one before means that the clock was set back; less, that it came late."""
+"""ns: a stamp this far before the previous one means that the clock was set back; one less far before it is late."""
 ASTRAY = 1e11
-"""s, three thousand years: no clock has such stamps, in whatever unit they are taken for s by mistake but ns."""
+"""s, three thousand years: no clock has such stamps, even if their unit, other than ns, is taken for s by mistake."""
 LONG_PAUSE = 3600.0
-"""s: what judges a log counts a longer pause, or a jump of its clock, as this long. Its cost must not grow with it."""
+"""s: functions that judge a log limit pauses and clock jumps to this, so that their cost does not grow with them."""
 PAUSE = SECOND
-"""ns, between what was recorded before and after the clock was set back: the true pause is not known."""
+"""ns between the samples before and after the clock was set back, because the true pause is unknown."""
 PIECES, LEAST_SAMPLES = 20, 200
-"""Of a recording, in each of which the message that waited least counts; and samples that tell a clock's rate."""
+"""Number of pieces of a recording, each contributing its message with the shortest delay; and minimum number of samples
+from which a clock's rate is estimated."""
 MOST_RATE = 2e4
-"""ppm; no clock is so fast, but one stream was recorded for longer."""
+"""ppm; no clock is off by more, so one stream was then recorded for longer."""
 TOGETHER = 5.0
-"""Intervals between samples within which streams begin that were recorded together."""
+"""Sampling intervals within which streams begin if they were recorded together."""
 EXACT = 2**53
 """Integers up to here are exact as floating-point numbers."""
 
 
 def complaint_of_headers(stamps: Sequence[Array], logged: Sequence[Array]) -> str:
-    """Why the headers' stamps are not to be used, but the times at which messages were logged; "" if they are.
+    """Reason to use the times at which messages were logged instead of the headers' stamps; "" = no reason.
 
     Both are (T,) int64 ns for each stream, in the order in which the messages were stored; 0 = not set.
     """
@@ -49,9 +50,9 @@ def jumps(t: Array) -> Array:
 
 
 def continue_after_jumps(streams: Sequence[Array], file: str = "") -> tuple[tuple[Array, ...], int]:
-    """Stamps that go on PAUSE after the clock was set back, and how often it was; segments stay together.
+    """Stamps that continue PAUSE after each time the clock was set back, and the number of these times.
 
-    The stamps of each stream are (T,) int64 ns, in the order in which they were stored.
+    The streams stay aligned within each segment. The stamps of each are (T,) int64 ns in stored order.
 
     Raises:
         LogError: the streams do not agree on how often the clock was set back.
@@ -75,7 +76,7 @@ def continue_after_jumps(streams: Sequence[Array], file: str = "") -> tuple[tupl
 
 
 def as_stamps(t: Array, *, file: str = "", field: str = "t") -> Array:
-    """The stamps, (T,) or a column (T, 1), as (T,) float64 (s) or int64 (ns), in the order in which they are."""
+    """The stamps, (T,) or a column (T, 1), as (T,) float64 (s) or int64 (ns), in the given order."""
     t = np.asarray(t)
     t = t[:, 0] if t.shape[1:] == (1,) else t
     if t.ndim != 1 or t.dtype.kind not in "fiu":
@@ -92,7 +93,7 @@ def as_stamps(t: Array, *, file: str = "", field: str = "t") -> Array:
 def stamps_of(t: Array, log: LogSetup) -> Array:
     """(T,) stamps as floating point in s or integers in ns, from the unit that the setup states.
 
-    Whole numbers of a small unit, such as microseconds since 1970, become integers: no float holds their nanoseconds.
+    Whole numbers of a small unit, such as microseconds since 1970, become integers: no float can hold them in ns.
     """
     t = np.asarray(t)
     if log.time_unit is None or t.dtype.kind not in "fiu":
@@ -107,15 +108,12 @@ def stamps_of(t: Array, log: LogSetup) -> Array:
 
 
 def seconds_of_a_unit(stamps: Array) -> float:
-    """s that a unit of stamps (T,) stands for: integers that last for long are ns, all others s."""
+    """Length in s of one unit of stamps (T,): integers that span more than 1e6 are in ns, all others in s."""
     return 1e-9 if stamps.dtype.kind == "i" and len(stamps) and np.ptp(stamps) > 1e6 else 1.0
 
 
 def on_right_clock(t: Array, log: LogSetup, quantity: str) -> Array:
-    """(T,) stamps of one stream, s or integers in ns: the rate of its clock taken off, then its offset added.
-
-    [log.clocks] states the rate of the wrench's clock, [log.time_offsets] the offset of each ``quantity``.
-    """
+    """(T,) stamps of one stream, s or integers in ns, corrected for the rate and then the offset of its clock."""
     if quantity == "wrench" and log.wrench_rate and len(t):
         ahead = (t - t[0]) * (1e-6 * log.wrench_rate)
         t = t - (np.rint(ahead).astype(np.int64) if t.dtype.kind == "i" else ahead)
@@ -124,10 +122,10 @@ def on_right_clock(t: Array, log: LogSetup, quantity: str) -> Array:
 
 
 def rate_against(stamps: Array, logged: Array) -> tuple[float, float]:
-    """ppm by which the clock of a stream's stamps runs fast against the recorder's, and the standard error.
+    """Rate in ppm by which the clock of a stream's stamps runs fast against the recorder's, and its standard error.
 
-    A message waits before it is logged, and never less than not at all: the rate is that of the shortest waits. Both
-    are (T,) int64 ns of the same messages, the stamps increasing; if these are too few, it is 0 and the error infinite.
+    The delay until a message is logged is never negative, so the rate is fitted to the shortest delays. Both arguments
+    are (T,) int64 ns of the same messages, the stamps increasing; if too few, the rate is 0, its error infinite.
     """
     if len(stamps) < LEAST_SAMPLES or stamps[-1] <= stamps[0]:
         return 0.0, np.inf
@@ -139,7 +137,7 @@ def rate_against(stamps: Array, logged: Array) -> tuple[float, float]:
 
 
 def longer_in_words(joints: Array, wrench: Array) -> str:
-    """What the ends of streams that began together say of the clock of the wrench; "" = nothing.
+    """What the different ends of streams that began together mean for the clock of the wrench; "" = nothing.
 
     The stamps of joints (J,) and wrench (W,) are in s and increase.
     """
@@ -157,34 +155,34 @@ def longer_in_words(joints: Array, wrench: Array) -> str:
 
 
 def rows_at_rate(values: Array, log: LogSetup) -> Array | None:
-    """(T,) s of the samples (T, ...) that have a rate instead of stamps; None where the setup states none."""
+    """(T,) stamps in s of samples (T, ...) that have a rate instead of stamps; None if the setup states no rate."""
     return None if log.rate is None else np.arange(len(np.atleast_1d(values))) / log.rate
 
 
 def since(t: Array, start: float) -> Array:
-    """(T,) s since a stamp in s, of stamps in s if floating point or ns if integer."""
+    """(T,) s since ``start``, a stamp in s, for stamps t (T,) in s if floating point or ns if integer."""
     # Integers are subtracted as integers: nanoseconds since 1970 do not fit the 53 bits of a float.
     return (t - round(start * SECOND)) / SECOND if t.dtype.kind == "i" else t - start
 
 
 class Ordered(NamedTuple):
-    """Samples in the order of their stamps."""
+    """Samples sorted by stamp."""
 
     t: Array
     """(U,) float64 s or int64 ns, strictly increasing."""
     columns: Mapping[str, Array]
-    """(U, ...) each."""
+    """(U, ...) values by name."""
     repairs: Repairs
-    """What that took."""
+    """Repairs made in sorting."""
 
 
 def put_in_order(
     t: Array, columns: Mapping[str, Array], samples: str = "samples", *, file: str = "", field: str = "t"
 ) -> Ordered:
-    """Sort samples that came a little late, and make one of those that share a stamp, as ``tidy`` does.
+    """Sort samples that arrived slightly late, and merge those that share a stamp, as ``tidy`` does.
 
     Stamps (T,) are floating point in s, or integers in ns; columns (T, ...) are real numbers, NaN = not measured.
-    ``samples`` says in the repairs what they are, ``file`` and ``field`` in messages where the stamps come from.
+    Repairs call the samples ``samples``; messages name ``file`` and ``field`` as the source of the stamps.
     """
     t, columns, astray = _without_astray(as_stamps(t, file=file, field=field), columns, samples, file, field)
     if (t[1:] > t[:-1]).all():
@@ -203,10 +201,10 @@ def put_in_order(
 def _without_astray(
     t: Array, columns: Mapping[str, Array], samples: str, file: str, field: str
 ) -> tuple[Array, Mapping[str, Array], Repairs]:
-    """The samples whose stamps a clock can have: no more than ASTRAY from the others."""
+    """Drop samples whose stamps no clock can have: more than ASTRAY from the median."""
     if t.dtype.kind != "f" or not len(t):
         return t, columns, ()
-    middle = float(np.partition(t, len(t) // 2)[len(t) // 2])  # a mean of two could overflow
+    middle = float(np.partition(t, len(t) // 2)[len(t) // 2])  # the mean of the two middle ones could overflow
     if abs(middle) > ASTRAY:
         message, remedy = f"the stamps are about {middle:.3g} s", "give s, or state log.time_unit in the setup"
         raise LogError(message, file=file, field=field, remedy=remedy)
@@ -222,7 +220,7 @@ def _without_astray(
 
 
 def tidy(t: Array, columns: Mapping[str, Array], samples: str = "samples") -> Ordered:
-    """Sort samples (T, ...) by their stamps; those of one stamp become one, each number from the first that has it."""
+    """Sort samples (T, ...) by stamp and merge those of one stamp, taking each number from the first that has it."""
     late = int((t[1:] < np.maximum.accumulate(t)[:-1]).sum()) if len(t) else 0
     unique, place = np.unique(t, return_inverse=True)
     if len(unique) == len(t) and not late:
@@ -245,7 +243,7 @@ def tidy(t: Array, columns: Mapping[str, Array], samples: str = "samples") -> Or
 
 
 def one_a_stamp(values: Array, stamps: int, field: str, file: str) -> Array:
-    """The values (T, ...) as float64, if they are real numbers and as many as the stamps."""
+    """Values (T, ...) as float64, if they are real numbers and there is one sample per stamp."""
     values = np.asarray(values)
     if values.ndim == 0 or len(values) != stamps or values.dtype.kind not in "fiu":
         message = f"has shape {values.shape} and type {values.dtype} for {stamps} stamps"

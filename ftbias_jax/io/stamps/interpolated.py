@@ -1,7 +1,7 @@
-"""Readings of a slower stream that were interpolated onto the rows of a table, as ``interp`` of most programs does.
+"""Readings of a slower stream that were linearly interpolated onto the rows of a table, as ``interp`` functions do.
 
-Between two readings all values then lie on one straight line, which no noise does. Whoever takes such rows for
-readings believes too much of a wrench, and sees joints that move without acceleration and jerk at every reading.
+Between two readings all values then lie on one straight line, which noise never does. Taking such rows for readings
+overstates the information in a wrench, and joints seem to move without acceleration and to jerk at every reading.
 """
 
 from collections.abc import Mapping
@@ -13,39 +13,39 @@ from ftbias_jax.io.log import Repair, Repairs
 from ftbias_jax.types import Array
 
 WORDS = {"wrench": "the wrench was", "q": "the joints were", "dq": "the velocities were"}
-"""Arrays that are looked at, and how lines about them begin."""
+"""Arrays that are examined -> beginning of the report lines about them."""
 WINDOW, WINDOWS = 256, (2, 16)
-"""Rows in a row, and how many such windows of a log are looked at, at first and if these leave it open."""
+"""Consecutive rows per window, and number of windows examined per log: at first, and if these are inconclusive."""
 FEWEST = 3, 30
-"""Bends of a window from which on it tells, as an arm at rest has none, and of those together."""
+"""Minimum number of bends in a window that counts, because an arm at rest has none, and in all these together."""
 STAMP = 1e-6
-"""s to which stamps are good."""
+"""s, resolution of stamps."""
 DECIMALS, DIGITS = np.arange(1, 10), np.arange(4, 10)
-"""After the point, or significant, with which programs write numbers."""
+"""Decimal places, or significant digits, with which programs write numbers."""
 DOUBLE = 16 * np.finfo(float).eps
-"""Of the largest, what sums of double precision are good for."""
+"""Round-off of sums in double precision, relative to the largest value."""
 FEW, WHOLE, SLACK, TINY = 64, 1e-3, 1.05, 1e-30
-"""Values by which it is told how a column was written, how near they are to whole numbers of the last digit, and over
-the distance from a line that rounding makes."""
+"""Number of values that show in which format a column was written; tolerance to whole numbers of the last digit; margin
+over the deviation from a line that rounding causes; smallest resolution and magnitude."""
 STRAIGHT = 0.25
-"""Share of rows on straight lines, at least; with fewer, the table is little faster than the readings."""
+"""Minimum share of rows on straight lines; with fewer, the table is hardly faster than the readings."""
 ISOLATED = 0.9
-"""Share of the bends with no more than one beside them, as a reading lies on a row or between two."""
+"""Minimum share of bends with at most one neighbouring bend, because a reading lies on a row or between two."""
 REGULAR, UNSTEADY = 0.8, 0.25
-"""Share of the bends that are as far apart as usual, to a row and a share of that: readings are, and chance is not."""
+"""Minimum share of bends at the usual distance, within one row and UNSTEADY of it, because readings are regular."""
 CLEAR = 2.0
-"""By which the usual bend exceeds what rounding does: noise, and an arm that accelerates, bend by any amount."""
+"""Minimum ratio of the median bend to rounding; bends by noise or by an accelerating arm can be of any size."""
 MOVING = 0.5
-"""Share of rows on straight lines along which something changes: where nothing does, readings are held."""
+"""Minimum share of the rows on straight lines along which something changes; if nothing does, readings are held."""
 
 
 class _Bends(NamedTuple):
-    """Of the rows (T,) of a table: how far each is from the line between its neighbours."""
+    """Deviation of each row (T,) of a table from the line between its neighbours."""
 
     size: Array
-    """In what rounding does, of the column that bends most."""
+    """Deviation in units of the rounding error, for the column in which it is largest."""
     changes: Array
-    """Whether anything changes on the way to the next row."""
+    """Whether any column changes between this row and the next."""
 
     @property
     def bent(self) -> Array:
@@ -53,21 +53,21 @@ class _Bends(NamedTuple):
 
 
 def readings_only(t: Array, columns: Mapping[str, Array]) -> tuple[dict[str, Array], Repairs]:
-    """The columns of a log without what was interpolated between readings.
+    """Remove rows that were interpolated between readings from the columns of a log.
 
     Args:
         t: (T,) increasing, s or ns.
         columns: (T, ...) by the names of a log's arrays, NaN = not measured.
 
     Returns:
-        the columns, NaN where nothing was measured; and a line for each that has become shorter.
+        the columns, NaN where nothing was measured; and one repair for each column with fewer readings.
     """
     kept, repairs = dict(columns), []
     for name in [name for name in WORDS if name in columns]:
         values = np.asarray(columns[name])
         if values.dtype.kind != "f" or values.ndim != 2 or len(values) != len(t):
-            continue  # whole numbers have no line between them, and what is no log is refused later
-        with np.errstate(all="ignore"):  # what is infinite is refused later
+            continue  # whole numbers have no line between them, and malformed arrays are refused later
+        with np.errstate(all="ignore"):  # infinities are refused later
             readings = find_readings(t, values)
         if readings is None:
             continue
@@ -81,12 +81,12 @@ def readings_only(t: Array, columns: Mapping[str, Array]) -> tuple[dict[str, Arr
 
 
 def find_readings(t: Array, values: Array) -> Array | None:
-    """(R,) the rows of values (T, k) at t (T,) nearest to the readings between which they are interpolated, or None."""
+    """(R,) rows of values (T, k) at t (T,) nearest to the readings between which they are interpolated, or None."""
     measured = np.flatnonzero(~np.isnan(values @ np.ones(values.shape[1])))
     if len(measured) < 2 * WINDOW:
         return None
     bends = _bends(t, values, _some(measured, WINDOWS[0]))
-    if bends.bent.sum() > (1 - STRAIGHT) * bends.changes.sum():  # as a rule
+    if bends.bent.sum() > (1 - STRAIGHT) * bends.changes.sum():  # the usual case
         return None
     if not _interpolated(_bends(t, values, _some(measured, WINDOWS[1]))):
         return None
@@ -94,7 +94,7 @@ def find_readings(t: Array, values: Array) -> Array | None:
 
 
 def _some(rows: Array, windows: int) -> Array:
-    """So many windows of the rows, or all if they are fewer."""
+    """Rows of ``windows`` evenly spaced windows, or all rows if there are fewer."""
     if len(rows) <= windows * WINDOW:
         return rows
     return rows[np.linspace(0, len(rows) - WINDOW, windows, dtype=int)[:, None] + np.arange(WINDOW)].ravel()
@@ -105,7 +105,7 @@ def _interpolated(bends: _Bends) -> bool:
     windows = bends.bent[: len(bends.bent) // WINDOW * WINDOW].reshape(-1, WINDOW)
     tells = np.repeat(windows.sum(1) >= FEWEST[0], WINDOW)
     size, bent, changes = (x[: len(tells)][tells] for x in (bends.size, bends.bent, bends.changes))
-    apart = np.diff(np.flatnonzero(bent[1:] & ~bent[:-1]))  # between the beginnings of bends
+    apart = np.diff(np.flatnonzero(bent[1:] & ~bent[:-1]))  # rows between the beginnings of bends
     if bent.sum() < FEWEST[1] or (~bent).mean() < STRAIGHT or not len(apart):
         return False
     usual = np.median(apart)
@@ -118,11 +118,11 @@ def _interpolated(bends: _Bends) -> bool:
 
 
 def _nearest_rows(bends: _Bends) -> Array:
-    """(R,) of each group of bends the largest; and where a line is longer, rows on it as far apart as those."""
+    """(R,) row of the largest bend in each group; longer lines are filled with rows at the usual distance."""
     before, after = np.r_[0.0, bends.size[:-1]], np.r_[bends.size[1:], 0.0]
     rows = np.flatnonzero(bends.bent & (bends.size >= before) & (bends.size > after))
     usual = int(np.median(np.diff(rows)))
-    # Neither end of a table need be a reading: beyond the last one, interpolation repeats it.
+    # Neither end of a table need be a reading: beyond the last reading, interpolation repeats it.
     first, last = rows[0] % usual, rows[-1] + (len(bends.size) - 1 - rows[-1]) // usual * usual
     rows = np.unique(np.r_[first, rows, last])
     counts = np.maximum(np.diff(rows) // usual, 1)
@@ -131,7 +131,7 @@ def _nearest_rows(bends: _Bends) -> Array:
 
 
 def _bends(t: Array, values: Array, rows: Array) -> _Bends:
-    """Of some rows of values (T, k) at t (T,)."""
+    """Bends at the given rows of values (T, k) at t (T,)."""
     values, seconds = values[rows], np.asarray(t[rows] - t[0], float)
     if t.dtype.kind == "i":
         seconds *= 1e-9
@@ -145,7 +145,7 @@ def _bends(t: Array, values: Array, rows: Array) -> _Bends:
 
 
 def _resolution(values: Array) -> Array:
-    """(T, k) by how much each value differs from another at least, as the values (T, k) were written."""
+    """(T, k) resolution of each value, from the format in which the values (T, k) were written."""
     few = values[np.linspace(0, len(values) - 1, FEW, dtype=int)]
     decimals, digits = 10.0 ** -DECIMALS[:, None, None], 10.0 ** (1 - DIGITS[:, None, None])
     units = np.concatenate([np.broadcast_to(decimals, (len(decimals), *few.shape)), digits * _power(few)])
@@ -160,5 +160,5 @@ def _resolution(values: Array) -> Array:
 
 
 def _power(x: Array) -> Array:
-    """The power of ten of numbers."""
+    """Largest power of ten that does not exceed the magnitude of each number."""
     return 10.0 ** np.floor(np.log10(np.maximum(np.abs(x), TINY)))

@@ -1,9 +1,9 @@
-"""The steady clock behind stamps that scatter: those of arrival, of packets, or rounded, of readings that are regular.
+"""Recovery of the steady clock of regular readings whose stamps jitter: times of arrival, of packets, or rounded ones.
 
-No reading is taken after its stamp of arrival, and the next no sooner than one period later: together all stamps bound
-the time of each from above, and the bound is all but steady as soon as some messages come without waiting. Whether the
-readings were taken then, or when their stamps say (a loop that is woken late stamps rightly), the readings tell: joints
-that move are smooth in time, on the right clock. A wrench often does not tell, but messages that arrive together do.
+No reading is taken after its stamp of arrival, and the next is taken no sooner than one period later: together all
+stamps bound the time of each reading from above, and the bound is nearly steady as soon as some messages arrive without
+delay. The readings decide whether they were taken then or at their stamps (a loop that is woken late stamps correctly):
+moving joints are smooth in time on the right clock. A wrench often does not decide it, but bunched messages do.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,46 +18,45 @@ from ftbias_jax.types import Array
 
 LEAST_SAMPLES = 256
 WORDS = {"q": "the joints", "wrench": "the wrench"}
-"""Arrays whose readings tell whether rows are of several clocks, as they are called in what is said of a stream."""
+"""Arrays whose readings show whether rows are of several clocks -> their names in messages about a stream."""
 SCATTER = 0.02
-"""Of the usual interval: what is less is steady enough. Intervals of lost samples count as several."""
+"""Share of the usual interval below which jitter is negligible. Intervals with lost samples count as several."""
 SPANS = ((16, 0.5), (16, 0.3), (64, 0.5))
-"""Samples, and the quantile of how long so many take, by which the period is first guessed: lost samples make spans
-longer, and packets make short ones differ. The readings tell which guess was best."""
+"""Initial guesses of the period: length of a span in samples, and quantile of the durations of such spans. Lost samples
+make spans longer, and packets make short ones vary. The readings decide which guess is best."""
 ROUNDS, FAR = 4, 256
-"""Times that lost samples are counted and the period is fitted, and samples that lie so far apart that it is exact."""
+"""Iterations of counting lost samples and fitting the period, and number of samples over which the fit is precise."""
 SLACK = 1e-3
-"""Share of the period by which readings may be closer: clocks wander, and stamps far away must not count."""
+"""Share of the period by which readings may be closer, because clocks wander and distant stamps must not count."""
 REACH = 32
-"""Samples on each side over which the bound is smoothed: it touches some stamps and leaves out others."""
+"""Samples on each side over which the bound is smoothed, because it touches only some of the stamps."""
 CONFIRMED = 4
-"""Samples that must follow where one was lost: those that are only late are followed by others in time."""
+"""Samples that must follow a lost one: a sample that is only late is followed by others in time."""
 PAUSE = 100
-"""Periods without a sample, after which a clock may begin anew."""
+"""Periods without a sample, after which a clock may start anew."""
 WINDOW, DEGREE = 24, 3
-"""Samples in a row, and the degree of the polynomial in time that joints follow so long."""
+"""Consecutive samples per window, and degree of the polynomial in time that joints follow within it."""
 FASTEST, FEWEST = 0.25, 16
-"""Of the windows with stamps that scatter, the share that is looked at, and so many at least: those in which a column
-changes most."""
+"""Share, and minimum number, of windows with jitter that are examined: those in which a column changes most."""
 TINY = 1e-12
 ALIKE = 0.95
-"""Of these windows: in the others a quaternion may change its sign, or an angle begin anew. And of the samples of two
-columns that are of one stream, those that share their rows."""
+"""Share of these windows that are used: in the others a quaternion may change its sign, or an angle wrap around. Also
+the share of samples in common rows from which two columns are of one stream."""
 CLEAR = 5.0
-"""Standard errors by which less must be left over. The logarithm of a mean of n squares of noise has a variance of 2/n,
-the difference of two that have nothing in common twice that."""
+"""Standard errors by which residuals must decrease. The logarithm of a mean of n squares of noise has a variance of
+2/n, the difference of two independent ones twice that."""
 CLOSE, BUNCHED = 0.25, 0.0005
-"""Of the mean interval, and the share of intervals that are shorter: no sensor takes two readings so soon, but messages
-that waited arrive together. Then the readings need not tell, only not deny it."""
+"""Share of the mean interval below which no sensor takes two readings, and share of such intervals above which messages
+waited and arrived together. The readings then need not confirm the steady clock, only not contradict it."""
 
 
 class Steady(NamedTuple):
-    """Stamps of a stream, each of which is not later than as recorded."""
+    """Corrected stamps of a stream, none of them later than recorded."""
 
     t: Array
     """(T,) s."""
     gain: float
-    """By how much the readings are smoother in time, in standard errors; see ``CLEAR``."""
+    """Increase in the smoothness of the readings in time, in standard errors; see ``CLEAR``."""
 
 
 def scatters(t: Array) -> bool:
@@ -65,14 +64,14 @@ def scatters(t: Array) -> bool:
     if len(t) < LEAST_SAMPLES:
         return False
     intervals = np.diff(t) / ((t[-1] - t[0]) / (len(t) - 1))
-    intervals /= np.median(intervals[intervals > SCATTER])  # packets have nothing but short ones, and long ones
+    intervals /= np.median(intervals[intervals > SCATTER])  # in packets, all other intervals are very short
     return bool((np.abs(intervals - np.maximum(np.rint(intervals), 1)) > SCATTER).any())
 
 
 def on_steady_clocks(
     t: Array, columns: Mapping[str, Array], file: str = ""
 ) -> tuple[list[tuple[Array, dict[str, Array]]], Repairs]:
-    """The streams of a log, with the stamps of a steady clock where the readings are clearly smoother on it.
+    """Streams of a log, with the stamps of a steady clock where the readings are clearly smoother on it.
 
     Args:
         t: (T,) increasing, s if floating point or ns if integer.
@@ -80,10 +79,10 @@ def on_steady_clocks(
         file: the name in messages.
 
     Returns:
-        stamps and columns of each stream, or of all as they are; and a line for each that was mended.
+        stamps and columns of each stream, or of all unchanged; and one repair for each corrected stream.
 
     Raises:
-        LogError: a column has not one sample of real numbers per stamp.
+        LogError: a column does not have one sample of real numbers per stamp.
     """
     if not scatters(t):
         return [(t, dict(columns))], ()
@@ -97,7 +96,7 @@ def on_steady_clocks(
     parts, repairs = [], []
     for clock, (rows, names, stamps) in zip(clocks, streams, strict=True):
         times = t[rows]
-        # What was recorded beside a stream that came late came late as well, also where its readings do not tell.
+        # A stream recorded beside a late one is late as well, even if its readings do not decide it.
         if clock is not None and clock.gain > -CLEAR:
             ahead = clock.t * ticks
             times = t[0] + (np.rint(ahead).astype(np.int64) if t.dtype.kind == "i" else ahead)
@@ -109,7 +108,7 @@ def on_steady_clocks(
 
 
 def _streams(columns: Mapping[str, Array]) -> Iterator[tuple[Array, list[str]]]:
-    """(T,) the rows of each stream, and its columns: those whose samples share their rows, most of them."""
+    """(T,) mask of the rows of each stream, and its columns: those that share most of their rows."""
     rows = {name: ~np.isnan(values.reshape(len(values), -1)).all(1) for name, values in columns.items()}
     temperature = rows.pop("temperature", None)
     left = sorted(rows, key=lambda name: -int(rows[name].sum()))
@@ -119,14 +118,14 @@ def _streams(columns: Mapping[str, Array]) -> Iterator[tuple[Array, list[str]]]:
         left = [name for name in left if name not in names]
         stream = np.any([rows[name] for name in names], 0)
         if temperature is not None and (temperature & stream).sum() >= ALIKE * min(temperature.sum(), stream.sum()):
-            names, temperature = [*names, "temperature"], None  # those in rows of other streams are not needed
+            names, temperature = [*names, "temperature"], None  # temperatures in rows of other streams are not needed
         yield stream, names
     if temperature is not None:
         yield temperature, ["temperature"]
 
 
 def _look(t: Array, columns: Mapping[str, Array], rows: Array, names: Sequence[str]) -> Steady | None:
-    """The steady clock of a stream with stamps t (T,) s; None if they do not scatter, or may be of several clocks."""
+    """The steady clock of a stream with stamps t (T,) s; None if they do not jitter, or may be of several clocks."""
     if not scatters(t):
         return None
     readings = {name: columns[name][rows].reshape(len(t), -1) for name in names}
@@ -153,7 +152,7 @@ def steady(t: Array, readings: Array) -> Steady:
 
 
 def _judged(clock: Array, t: Array, readings: Array, least: float) -> Steady | None:
-    """A clock (T,) s with its gain over the stamps t (T,) s; None if they are alike to ``least`` s in every window."""
+    """A clock (T,) s with its gain over the stamps t (T,) s; None if both agree to ``least`` s in every window."""
     windows = _telling(readings, t - clock, least)
     if not windows.size:
         return None
@@ -174,7 +173,7 @@ def _bound(t: Array, samples: int, quantile: float) -> Array:
         far = min(FAR, len(t) // 2)
         period = float(np.median((t[far:] - t[:-far]) / (count[far:] - count[:-far])))
     latest = _latest(t, count, period)
-    # No later stamp bounds the last ones: there, the clock is no slower than it was.
+    # No later stamp bounds the last ones: there, the clock is taken to be no slower than before.
     line = count[-far:] * period * (1 + SLACK)
     latest[-far:] = np.minimum.accumulate(latest[-far:] - line) + line
     line = count * period
@@ -182,7 +181,7 @@ def _bound(t: Array, samples: int, quantile: float) -> Array:
 
 
 def _smooth(x: Array) -> Array:
-    """(T,) means over the samples about each; fewer of them at the ends."""
+    """(T,) moving average over REACH samples on each side, fewer at the ends."""
     sums = np.concatenate([[0.0], x.cumsum()])
     here = np.arange(len(x))
     reach = np.minimum(REACH, np.minimum(here, here[::-1]))
@@ -190,13 +189,13 @@ def _smooth(x: Array) -> Array:
 
 
 def _latest(t: Array, count: Array, period: float) -> Array:
-    """(T,) s: no reading is taken after its stamp, nor sooner than a period, less some slack, after the one before."""
+    """(T,) s, latest times: no reading after its stamp, nor sooner after the previous one than a period minus slack."""
     line = count * period * (1 - SLACK)
     return np.minimum.accumulate((t - line)[::-1])[::-1] + line
 
 
 def _telling(readings: Array, off: Array, least: float) -> Array:
-    """(K, WINDOW) the samples of windows in which stamps scatter by ``least`` s of ``off`` (T,), and a column moves."""
+    """(K, WINDOW) samples of windows in which ``off`` (T,) s varies by over ``least`` s and a column changes most."""
     samples = np.arange(len(off) // WINDOW * WINDOW).reshape(-1, WINDOW)
     samples = samples[np.ptp(off[samples], axis=1) > least]
     moved = np.nan_to_num(np.ptp(readings[samples], axis=1))
@@ -205,7 +204,7 @@ def _telling(readings: Array, off: Array, least: float) -> Array:
 
 
 def _roughness(t: Array, readings: Array, windows: Array) -> Array:
-    """(k,) mean square that polynomials in time leave over in most of the windows (K, WINDOW)."""
+    """(k,) mean square residual of polynomials in time, over the ALIKE share of the windows (K, WINDOW)."""
     values, places = readings[windows], t[windows]
     places = places - places.mean(1, keepdims=True)
     places = places / np.maximum(np.abs(places).max(1, keepdims=True), TINY)

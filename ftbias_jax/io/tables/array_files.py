@@ -1,6 +1,6 @@
-"""Arrays of NPZ and HDF5 files that nobody vouches for: sizes are checked before memory is taken, no pickles.
+"""Arrays of untrusted NPZ and HDF5 files: sizes are checked before memory is allocated, and pickles are refused.
 
-Of HDF5 they are the datasets by their paths from the root.
+The arrays of an HDF5 file are its datasets, by their paths from the root.
 """
 
 import math
@@ -21,11 +21,11 @@ from ftbias_jax.io.budget import MAX_CHUNK, Budget, need
 from ftbias_jax.types import Array
 
 GZIP, SHUFFLE, CHECKSUM, LZF = 1, 2, 3, 32000
-"""Numbers of HDF5's filters."""
+"""Identifiers of HDF5's filters."""
 MOST_DATASETS = 1000
-"""Of one HDF5 file that are listed."""
+"""Maximum number of datasets of one HDF5 file that are listed."""
 GROWTH = 1 << 12
-"""Bytes that a chunk may be longer stored than unpacked: noise does not compress, and filters add a little."""
+"""Bytes by which a stored chunk may exceed its unpacked size: noise does not compress, and filters add a little."""
 _WRITE_AGAIN = "write it again with numpy.savez"
 # What zipfile, zlib and numpy raise on damaged files; RuntimeError means encrypted, the last line a mangled header.
 _DAMAGE = (
@@ -35,9 +35,9 @@ _DAMAGE = (
 
 
 def load_arrays(path: str | os.PathLike[str], wanted: Collection[str] | None = None) -> dict[str, Array]:
-    """The arrays of an NPZ file by name: only those that are wanted, where they are there; None = all.
+    """The arrays of an NPZ file by name: those of the wanted ones that it holds; None = all.
 
-    Refused is a file that is damaged, would fill the memory, or holds Python objects.
+    A file that is damaged, would fill the memory, or holds Python objects is refused.
     """
     file = os.fspath(path)
     with _opened(file) as archive:
@@ -52,11 +52,11 @@ class StoredArray(NamedTuple):
 
     shape: tuple[int, ...]
     parts: Callable[[int], Iterator[Array]]
-    """Rows at once -> the array from its first row on, in parts of that many rows; LogError if it is damaged."""
+    """Rows per part -> iterator over the array in parts of that many rows; LogError if it is damaged."""
 
 
 def stored_arrays(path: str | os.PathLike[str], wanted: Set[str] | None = None) -> dict[str, StoredArray]:
-    """Those of the wanted arrays that an NPZ file has, without their numbers; None = all arrays of numbers."""
+    """The wanted arrays that an NPZ file holds, without loading their numbers; None = all numeric arrays."""
     file, found = os.fspath(path), {}
     with _opened(file) as archive:
         for name, member in _members(archive).items():
@@ -70,7 +70,7 @@ def stored_arrays(path: str | os.PathLike[str], wanted: Set[str] | None = None) 
 
 
 def shapes_of_arrays(file: str) -> dict[str, tuple[int, ...]]:
-    """The shapes of all arrays of numbers in an NPZ file, by name."""
+    """The shapes of all numeric arrays in an NPZ file, by name."""
     return {name: stored.shape for name, stored in stored_arrays(file).items()}
 
 
@@ -79,7 +79,7 @@ def _parts(file: str, name: str, rows: int) -> Iterator[Array]:
         member = _members(archive)[name]
         with archive.open(member) as stream:
             shape, in_columns, dtype = _check_header(stream, member, name, file)
-            # Numbers that are stored column by column are all needed for the first row.
+            # An array that is stored column by column must be read whole to get its first row.
             whole = _read(archive, member, name, file) if in_columns else None
             for first in range(0, shape[0], rows):
                 if whole is not None:
@@ -92,7 +92,7 @@ def _parts(file: str, name: str, rows: int) -> Iterator[Array]:
 
 @contextmanager
 def _opened(file: str) -> Iterator[zipfile.ZipFile]:
-    """The archive, its directory checked; what its parts raise as errors of ours."""
+    """The archive with its directory checked; exceptions while it is read are raised as LogError."""
     allowed = Budget(file)
     try:
         with zipfile.ZipFile(file) as archive:
@@ -110,7 +110,7 @@ def _members(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
 
 
 def _check_directory(members: list[zipfile.ZipInfo], allowed: Budget, file: str) -> None:
-    """Refuse hostile or damaged directories from what they declare, before anything is unpacked."""
+    """Refuse a malicious or damaged directory by the names and sizes it declares, before anything is unpacked."""
     for member in members:
         name = member.filename
         if "/" in name or "\\" in name or ".." in name:
@@ -139,9 +139,9 @@ def _read(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str, file: st
 def _check_header(
     stream: IO[bytes], member: zipfile.ZipInfo, name: str, file: str, objects: bool = False
 ) -> tuple[tuple[int, ...], bool, np.dtype]:
-    """Shape, order and type by the array's header, which must promise exactly the bytes that the member has.
+    """Shape, storage order and type from the array's header, which must declare exactly the bytes of the member.
 
-    Python objects, which are never read, are refused here unless ``objects`` may be there.
+    Python objects, which are never read, are refused here unless ``objects`` is set.
     """
     npy = np.lib.format
     version, readers = npy.read_magic(stream), {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
@@ -160,7 +160,7 @@ def _check_header(
 
 
 def load_hdf5(file: str, names: Sequence[str]) -> dict[str, Array]:
-    """The datasets of these names that are there, none of which takes more than it may."""
+    """The datasets of these names that exist, after checking their sizes against the file's budget."""
     with _opened_hdf5(file) as (h5py, root, budget):
         there = [name for name in names if _is_there(h5py, root, name, file)]
         datasets = {x: _dataset(h5py, root, x, file) for x in there if not isinstance(root[x], h5py.Group)}
@@ -172,7 +172,7 @@ def load_hdf5(file: str, names: Sequence[str]) -> dict[str, Array]:
 
 
 def shapes_of_hdf5(file: str) -> dict[str, tuple[int, ...]]:
-    """The shapes of all datasets of numbers, by their paths; links are not followed."""
+    """The shapes of all numeric datasets, by their paths; links are not followed."""
     found: dict[str, tuple[int, ...]] = {}
     with _opened_hdf5(file) as (h5py, root, _):
 
@@ -187,10 +187,10 @@ def shapes_of_hdf5(file: str) -> dict[str, tuple[int, ...]]:
 
 @contextmanager
 def _opened_hdf5(file: str) -> Iterator[tuple[Any, Any, Budget]]:
-    """h5py, the root of the file and its budget; what the library raises as errors of ours."""
-    h5py, budget = need("h5py", "hdf5", file), Budget(file)  # which looks whether it is a file at all
+    """h5py, the root of the file and its budget; exceptions of the library are raised as LogError."""
+    h5py, budget = need("h5py", "hdf5", file), Budget(file)  # the budget also checks that it is a file
     try:
-        with open(file, "rb"):  # the system's own words for a file that may not be read
+        with open(file, "rb"):  # raises the system's own error for a file that cannot be read
             pass
         with h5py.File(file, "r") as root:
             yield h5py, root, budget
@@ -204,7 +204,7 @@ def _opened_hdf5(file: str) -> Iterator[tuple[Any, Any, Budget]]:
 
 
 def _is_there(h5py: Any, root: Any, path: str, file: str) -> bool:
-    """Whether there is anything; no link on the way to it is followed."""
+    """Whether there is anything at a path; a link on the way to it is refused."""
     steps = path.split("/")
     for i in range(len(steps)):
         link = root.get("/".join(steps[: i + 1]), getlink=True)
@@ -216,7 +216,7 @@ def _is_there(h5py: Any, root: Any, path: str, file: str) -> bool:
 
 
 def _dataset(h5py: Any, root: Any, name: str, file: str) -> Any:
-    """The dataset of this name, if its numbers are in this very file and as many as it has room for."""
+    """The dataset of this name, which must be numeric and stored in this file."""
     dataset = root[name]
     if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in "fiu" or dataset.shape is None:
         raise LogError("is no dataset of numbers", file=file, field=name, remedy="store arrays of real numbers")
@@ -226,7 +226,7 @@ def _dataset(h5py: Any, root: Any, name: str, file: str) -> Any:
 
 
 def _check_chunks(dataset: Any, budget: Budget, file: str, name: str) -> None:
-    """Refuse a dataset of h5py whose chunks unpack to more than their shape has room for."""
+    """Refuse a dataset of h5py whose chunks unpack to more bytes than their shape allows."""
     if dataset.chunks is None:
         return
     room = math.prod(dataset.chunks) * dataset.dtype.itemsize
@@ -250,11 +250,11 @@ def _check_chunks(dataset: Any, budget: Budget, file: str, name: str) -> None:
 
 
 def _grows(dataset: Any, offset: tuple[int, ...], room: int) -> bool:
-    """Whether a chunk of gzip unpacks to more than its room."""
+    """Whether a gzip chunk unpacks to more bytes than its shape allows."""
     mask, packed = dataset.id.read_direct_chunk(offset)
-    if mask:  # some filters were left out: what is left cannot be more than the chunk as it is stored
+    if mask:  # some filters were skipped for this chunk: its content cannot exceed its stored bytes
         return len(packed) > room + GROWTH
     try:
         return len(zlib.decompressobj().decompress(packed, room + GROWTH + 1)) > room + GROWTH
     except zlib.error:
-        return False  # the library says so when it reads it
+        return False  # the library reports this when it reads the chunk

@@ -1,4 +1,4 @@
-"""Logs as named arrays, whatever file they come from: names, readers by suffix, and what is made of them."""
+"""Logs as named arrays, whatever file they come from: names, readers by suffix, and conversion to a ``Log``."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -25,7 +25,7 @@ STAMPS = ("t", "t_joints", "t_wrench")
 MEASURED = ("q", "dq", "wrench", "temperature")
 ARRAYS = (*STAMPS, *MEASURED)
 POSE_ARRAYS = ("orientation", "position", "angular_velocity", "specific_force")
-"""Instead of q and dq, where the setup has a sensor_pose."""
+"""Arrays instead of q and dq, if the setup has a sensor_pose."""
 
 QUANTITIES = {
     "time": STAMPS,
@@ -34,39 +34,39 @@ QUANTITIES = {
     "wrench": ("wrench",),
     "temperature": ("temperature",),
 }
-"""Key of [log.columns] -> the array that its columns are, and others that would be read in its place."""
+"""Key of [log.columns] -> the array that its columns form, then others that would be read in its place."""
 COLUMNS: dict[str, Callable[[str, Callable[[Sequence[str]], Columns]], dict[str, Array]]]
 COLUMNS = {".csv": csv_columns, ".parquet": parquet_columns}
-"""Suffix -> what reads the columns that are chosen from a header."""
+"""Suffix -> reader of the columns that are chosen from a header."""
 ARRAY_FILES: dict[str, Callable[[str, Sequence[str]], dict[str, Array]]]
 ARRAY_FILES = {".npz": load_arrays, ".h5": load_hdf5, ".hdf5": load_hdf5}
-"""Suffix -> what reads the arrays of these names that are there."""
+"""Suffix -> reader of those of the named arrays that the file holds."""
 SHAPES: dict[str, Callable[[str], dict[str, tuple[int, ...]]]]
 SHAPES = {".npz": shapes_of_arrays, ".h5": shapes_of_hdf5, ".hdf5": shapes_of_hdf5}
-"""Suffix -> what reads the shapes of all arrays."""
+"""Suffix -> reader of the shapes of all arrays."""
 WIDEST = 100
-"""Numbers a sample, of an array that can be columns."""
+"""Maximum numbers per sample of an array that can be split into columns."""
 TEXT = (".txt", ".tsv", ".dat")
-"""Suffixes of other tables of text, which are read as CSV."""
+"""Suffixes of other text tables, which are read as CSV."""
 TABLES = (".npz", *COLUMNS, ".h5", ".hdf5")
-"""Suffixes of all of them; recordings of ROS have their own (``io.ros``)."""
+"""Suffixes of all tables and array files; ROS recordings have their own (``io.ros``)."""
 OWN_STAMPS = "t"
-"""The name in a header of the stamps of arrays that have some of their own."""
+"""Name in a header that represents the stamps of arrays that have stamps of their own."""
 OURS = ("about", "provenance")
-"""Arrays of a log that this program wrote: it has the native names, whatever [log.columns] says of recordings."""
+"""Arrays that mark a log written by this program: it has the native names, whatever [log.columns] states."""
 
 
 def wanted_arrays(setup: Setup) -> tuple[str, ...]:
-    """Names of the arrays that a log may have: the native ones, and those of [log.columns]."""
+    """Names of the arrays that a log may have: the native names, and those in [log.columns]."""
     stated = setup.log.columns.values()
     named = (name for names in stated for name in ((names,) if isinstance(names, str) else names))
     return tuple(dict.fromkeys((*ARRAYS, *POSE_ARRAYS, *named)))
 
 
 def by_native_names(arrays: Mapping[str, Array], setup: Setup, file: str = "") -> dict[str, Array]:
-    """The arrays with those that [log.columns] of the setup names in the places of the native ones.
+    """The arrays by native names, each replaced by those that [log.columns] of the setup names for it, if any.
 
-    It names one array (T,) for each joint or channel, or one for time and temperature.
+    [log.columns] names one array (T,) for each joint or channel, and one each for time and temperature.
     """
     found = {name: values for name, values in arrays.items() if name in (*ARRAYS, *POSE_ARRAYS)}
     for key, natives in QUANTITIES.items():
@@ -86,10 +86,10 @@ def by_native_names(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
 
 
 def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -> Log:
-    """A log of t (T,), q (T, n), wrench (T, 6), and if there dq (T, n) and temperature (T,).
+    """Build a log from t (T,), q (T, n), wrench (T, 6) and, if present, dq (T, n) and temperature (T,).
 
     Instead of t, t_joints (J,) may stamp q and dq, and t_wrench (W,) the wrench and the temperature; a setup that
-    states log.rate needs no stamps. Further columns (T,) have the stamps t, or those of the wrench, or of the joints.
+    states log.rate needs no stamps. Further columns (T,) have the stamps t, or else those of the wrench or the joints.
     """
     log = _merged(arrays, setup, file)
     further = {name: values for name, values in arrays.items() if name.startswith(FURTHER)}
@@ -131,9 +131,9 @@ def _merged(arrays: Mapping[str, Array], setup: Setup, file: str) -> Log:
 
 
 def with_pose(arrays: Mapping[str, Array], pose: PoseSetup, file: str) -> dict[str, Array]:
-    """The arrays with those of the pose side by side as q and dq."""
+    """The arrays, with those of the pose joined side by side as q and dq."""
     joined = {name: values for name, values in arrays.items() if name not in POSE_ARRAYS}
-    if "q" not in joined or "orientation" in arrays:  # [log.columns] may have named what it is made of
+    if "q" not in joined or "orientation" in arrays:  # [log.columns] may already have provided q
         joined["q"] = joined_pose(arrays, pose, "q", file)
     if any(part in arrays for part in _pose_parts(arrays, pose)["dq"]):
         joined["dq"] = joined_pose(arrays, pose, "dq", file)
@@ -141,7 +141,7 @@ def with_pose(arrays: Mapping[str, Array], pose: PoseSetup, file: str) -> dict[s
 
 
 def joined_pose(arrays: Mapping[str, Array], pose: PoseSetup, name: str, file: str) -> Array:
-    """The arrays of a pose side by side as q, or those of its IMU as dq."""
+    """Join the arrays of a pose side by side as q, or those of its IMU as dq."""
     parts = _pose_parts(arrays, pose)[name]
     flat = []
     for part in parts:
@@ -168,13 +168,13 @@ def _get(arrays: Mapping[str, Array], name: str, message: str, file: str) -> Arr
 
 
 def suffix_of(file: str) -> str:
-    """By which the reader is found."""
+    """Suffix of a file, by which its reader is selected."""
     suffix = Path(file).suffix.lower()
     return ".csv" if suffix in TEXT else suffix
 
 
 def read_table(file: str, setup: Setup) -> Log:
-    """A log; rows of columns may have joints only or a wrench only: it is a merged timeline."""
+    """Read a log; rows of columns may have joints only or a wrench only, as on a merged timeline."""
     return log_from_arrays(native_arrays(file, setup), setup, file)
 
 
@@ -192,10 +192,10 @@ def native_arrays(file: str, setup: Setup, static: bool = False) -> dict[str, Ar
 def read_stored(
     file: str, setup: Setup, quantities: Sequence[str], needed: int, static: bool = False
 ) -> tuple[dict[str, Array], bool]:
-    """What a file has, and whether it is chosen from columns: else arrays as stored, of native names or [log.columns].
+    """Arrays of a file, and whether they are chosen columns; otherwise their names are native or from [log.columns].
 
-    Arrays without the first ``needed`` of the quantities are columns, if that gives them; what is lacking is told in
-    the words of the native names, unless the file has none of them.
+    Arrays that lack the first ``needed`` quantities are taken as columns, if these provide them; what is missing is
+    reported by its native name, unless the file has no native names.
     """
 
     def choose(header: Sequence[str]) -> Columns:
@@ -222,10 +222,10 @@ def read_stored(
 
 
 def array_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[str, Array]:
-    """The columns that ``choose`` takes of a file of arrays, by the names that it gives them.
+    """Read the columns that ``choose`` selects from a file of arrays, by the names that it gives them.
 
-    An array (T,) is a column, the K of an array (T, K) are called array/0, array/1, .... Where no column is the stamps,
-    but arrays have some of their own, the header has a further name for these, and the log gets those of its streams.
+    An array (T,) is a column; the K columns of an array (T, K) are called array/0, array/1, .... If no column holds the
+    stamps, but arrays have stamps of their own, the header has OWN_STAMPS too, and each stream of the log gets its own.
     """
     cells, clocks, header = _contents(file)
     chosen = dict(choose(header))
@@ -246,12 +246,12 @@ def array_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict
 
 
 class _Contents(NamedTuple):
-    """What a file of arrays has, as columns."""
+    """Content of a file of arrays, as columns."""
 
     cells: Mapping[str, tuple[str, int | None]]
-    """Name of a column -> the array, and the entry of its rows; None = it has one number a row."""
+    """Name of a column -> its array and the index in the rows; None = the array has one number per row."""
     clocks: Mapping[str, str]
-    """Array -> its stamps, if no column is those of all."""
+    """Array -> its stamps, if no column holds stamps for all arrays."""
     header: list[str]
 
 
@@ -263,7 +263,7 @@ def _contents(file: str) -> _Contents:
 
 
 def _plain(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """That of one list, of a column of a matrix."""
+    """Shape (T,) for a column (T, 1), otherwise the shape itself."""
     return shape[:1] if shape[1:] == (1,) else shape
 
 
@@ -276,7 +276,7 @@ def _check_lengths(arrays: Mapping[str, Array], file: str) -> None:
 
 
 def _cells(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, tuple[str, int | None]]:
-    """As of ``_Contents``; what holds the numbers of a group has the group's name."""
+    """Cells of ``_Contents``; an array ``data`` or ``values`` of a group has the name of the group."""
     cells: dict[str, tuple[str, int | None]] = {}
     for array, shape in shapes.items():
         name = re.sub("/(data|values?)$", "", array)

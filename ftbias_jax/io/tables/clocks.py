@@ -1,7 +1,7 @@
-"""Which stamps belong to which array, in files of arrays whose streams have clocks of their own.
+"""Assignment of stamps to arrays, in files of arrays whose streams have clocks of their own.
 
-Their names say it: stamps lie in the folder of an array, or share words with it, as ``time_ft`` does with ``ft``, and
-``timestamps/joint_positions`` with ``robot_state/joint_positions``.
+It follows their names: stamps are in the folder of an array, or share words with it, as ``time_ft`` does with ``ft``,
+and ``timestamps/joint_positions`` with ``robot_state/joint_positions``.
 """
 
 import re
@@ -13,18 +13,18 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.types import Array
 
 TIME = frozenset(("t", "time", "timestamp", "stamp"))
-"""Words of which one is in a name of stamps."""
+"""Words of which the name of stamps contains at least one."""
 SAME = {
     **dict.fromkeys(("q", "dq", "joint", "robot", "arm", "qpos", "qvel"), "joint"),
     **dict.fromkeys(("wrench", "ft", "force", "torque", "sensor"), "wrench"),
 }
-"""Words that mean one stream."""
+"""Word -> the stream that it denotes."""
 STREAMS = {"t_joints": ("q", "dq"), "t_wrench": ("wrench", "temperature")}
-"""Stamps of a log -> the arrays that have them."""
+"""Stamps of a log -> the arrays that they belong to."""
 
 
 def clocks_of(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
-    """Array -> its stamps, by the names and shapes of all arrays; none where two would do as well."""
+    """Array -> its stamps, by the names and shapes of all arrays; an array with an ambiguous match is left out."""
     stamps = [name for name, shape in shapes.items() if len(shape) == 1 and _words(name) & TIME]
     found: dict[str, str] = {}
     for name in shapes.keys() - set(stamps):
@@ -39,10 +39,10 @@ def clocks_of(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
 def stamps_by_stream(
     used: Mapping[str, Iterable[str]], clocks: Mapping[str, str], arrays: Mapping[str, Array], file: str
 ) -> dict[str, Array]:
-    """The stamps t_joints and t_wrench of a log, or t if they are the same, of what each of its parts is made of.
+    """The stamps t_joints and t_wrench of a log, or t if they are equal, from the arrays ``used`` for its parts.
 
     Raises:
-        LogError: arrays of a stream have other stamps, or none.
+        LogError: the arrays of a stream have different stamps, or none.
     """
     found: dict[str, Array] = {}
     for stream, parts in STREAMS.items():
@@ -61,7 +61,7 @@ _REMEDY = "store the stamps of the joints as t_joints, and those of the wrench a
 
 
 def _likeness(name: str, clock: str) -> tuple[bool, int, int]:
-    """Whether stamps lie in the folder of an array, and how many words they share with it, and words that mean one."""
+    """Whether stamps are in the folder of an array, and how many words, and synonyms (SAME), they share with it."""
     folder, of_clock = (path.rpartition("/")[0] for path in (name, clock))
     words, meant = ((_words(name, same) & _words(clock, same)) - TIME for same in ({}, SAME))
     return folder == of_clock != "", len(words), len(meant)

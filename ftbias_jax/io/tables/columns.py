@@ -1,4 +1,4 @@
-"""Which column of a table is which quantity: as the setup names them, or by the usual names in the header."""
+"""Assignment of a table's columns to quantities: as the setup names them, or by the usual names in the header."""
 
 from collections.abc import Collection, Sequence
 from itertools import product
@@ -21,19 +21,19 @@ EXAMPLES = {
     "velocity": "dq0 dq1 ..., or velocity_NAME of every joint",
     "wrench": "fx fy fz tx ty tz, force_x ... torque_z, or ft_0 ... ft_5",
 }
-"""Names that are looked for, as messages say it."""
+"""Quantity -> names that are looked for, as error messages list them."""
 NAMES = {"time": "t", "position": "q", "velocity": "dq", "wrench": "wrench", "temperature": "temperature"}
-"""Quantity -> the array of a log that its columns are."""
+"""Quantity -> the array of a log that its columns form."""
 WIDE = ("q", "dq", "wrench")
-"""Arrays with several numbers a sample."""
+"""Arrays with several numbers per sample."""
 OPTIONAL = frozenset(("velocity", "temperature"))
 
 Columns = dict[str, Names]
-"""Name of an array of a log, or of a further column -> the columns that it is; () = the log does not have it."""
+"""Name of an array of a log, or of a further column -> the columns that form it; () = the log does not have it."""
 
 
 def split(columns: Columns, values: Array) -> dict[str, Array]:
-    """Arrays by their names, of the values (T, K) of all their columns in order: (T,) of those of one number."""
+    """Split values (T, K) of all columns, in order, into arrays by name; those with one number per sample are (T,)."""
     ends = np.cumsum([len(names) for names in columns.values()])
     parts = zip(columns, np.split(values, ends[:-1], axis=1), strict=True)
     return {name: x if name in WIDE else x[:, 0] for name, x in parts if x.shape[1]}
@@ -42,9 +42,9 @@ def split(columns: Columns, values: Array) -> dict[str, Array]:
 def choose_columns(
     header: Sequence[str], quantities: Sequence[str], setup: Setup, file: str = "", static: bool = False
 ) -> Columns:
-    """The columns of some quantities, of which the first must be there, of the stamps, and further ones that are named.
+    """Select the columns of the stamps, of some quantities (the first is required) and of further named columns.
 
-    Those of static poses may have no stamps, and no others.
+    Static poses may have no stamps, and have no further columns.
     """
     needed = ["time", *quantities] if static or setup.log.rate is None else quantities
     optional = OPTIONAL | {"time"} if static else OPTIONAL
@@ -60,7 +60,7 @@ def choose_columns(
 
 
 def named_columns(header: Sequence[str], setup: Setup, file: str = "") -> Columns:
-    """Further columns, or arrays, that the setup names; of a log of one file all must be there."""
+    """Further columns, or arrays, that the setup names; if the log is one file, all must exist."""
     found: Columns = {}
     for key, name in further_columns(setup.log.columns).items():
         if name in header:
@@ -83,7 +83,7 @@ def _choose(quantity: str, header: Sequence[str], setup: Setup, optional: Collec
     found = _usual(quantity, header, setup)
     native = [match for match in found if match.native]
     if not found:
-        # Some columns of an optional quantity, but not all, are a mistake to report.
+        # An incomplete set of columns of an optional quantity is a mistake to report.
         if quantity in optional and not some(quantity, header, setup.robot.joint_names):
             return ()
         raise _not_found(quantity, header, setup, file)
@@ -98,7 +98,7 @@ def _choose(quantity: str, header: Sequence[str], setup: Setup, optional: Collec
 
 
 def _usual(quantity: str, header: Sequence[str], setup: Setup) -> list[Match]:
-    """What the columns of a quantity may be by their names; of a recorded pose, the parts of it side by side."""
+    """Candidate columns of a quantity by their usual names; for a recorded pose, those of its parts side by side."""
     if setup.pose is None or quantity not in ("position", "velocity"):
         return matches(quantity, header, setup.robot.joint_names)
     parts = [matches(name, header) for name in pose_parts(setup.pose)[quantity]]
@@ -113,14 +113,14 @@ def _usual(quantity: str, header: Sequence[str], setup: Setup) -> list[Match]:
 
 
 def pose_parts(pose: PoseSetup) -> dict[str, Names]:
-    """Of what positions and velocities of a recorded pose consist: quantities of ``headers.FIXED``."""
+    """Parts that make up the position and the velocity of a recorded pose: quantities of ``headers.FIXED``."""
     place = ("place",) if pose.linear == "position" else ()
     force = ("accelerometer",) if pose.linear == "specific_force" else ()
     return {"position": (pose.orientation, *place), "velocity": (*(("gyroscope",) if pose.gyroscope else ()), *force)}
 
 
 def _check_facts(match: Match, setup: Setup, file: str) -> None:
-    """Refuse a setup that contradicts what the names of the columns say of units and axes."""
+    """Refuse a setup that contradicts the units and axes that follow from the names of the columns."""
     for key, value in match.facts.items():
         stated = getattr(setup.log, key.removeprefix("log."))
         if stated != value and not (stated is None and value == "s"):

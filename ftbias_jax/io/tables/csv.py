@@ -1,4 +1,4 @@
-"""Logs as tables of text: a header line of names, then one line of numbers a sample; an empty cell = not measured."""
+"""Logs as text tables: a header line of names, then one line of numbers per sample; an empty cell = not measured."""
 
 import csv
 import re
@@ -14,20 +14,20 @@ from ftbias_jax.io.tables.first_lines import DAY, NUMBER, Layout, check_length, 
 from ftbias_jax.io.tables.headers import halves_of_stamps
 from ftbias_jax.types import Array
 
-BLOCK = 1 << 22  # characters read at once: large enough to be fast, small beside the numbers of a log
+BLOCK = 1 << 22  # characters per read: large enough to be fast, small compared with the numbers of a log
 STAMPS = "t"
-"""What the stamps are called that are written as two columns."""
+"""Name of the stamps that are written as two columns."""
 
-_EMPTY = re.compile(r",[ \t]*(?=,|$)", re.MULTILINE)  # all but the first cell of a line, which would cost much more
+_EMPTY = re.compile(r",[ \t]*(?=,|$)", re.MULTILINE)  # not the first cell of a line, which would cost much more
 
 
 def csv_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[str, Array]:
-    """The columns that ``choose`` takes of a header, as arrays by the names that it gives them.
+    """Read the columns that ``choose`` selects from a header, as arrays by the names that it gives them.
 
     The file is UTF-8 with cells separated by commas, semicolons, tabs or spaces; a line may have joints only, or a
     wrench only. Lines that begin with # may come first. Columns without names are called 1, 2, 3, ..., and entries of
-    cells that are lists, such as "[0.1, 0.2]", column/0, column/1, ...; dates become s since 1970 and times of a day s
-    since its midnight. Two columns of whole s and of the ns beyond are one more, t.
+    cells that are lists, such as "[0.1, 0.2]", column/0, column/1, ...; dates become s since 1970, and times of day
+    become s since midnight. Two columns of whole s and remaining ns give one more column, t.
     """
     budget = Budget(file)
     try:
@@ -42,7 +42,7 @@ def csv_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[s
             if beyond:
                 numbers[:, [*(name == STAMPS for name in names), False]] += 1e-9 * numbers[:, -1:]
             found = split(columns, numbers[:, : len(names)])
-            if layout.of_day and "t" in found:  # which may go on after midnight
+            if layout.of_day and "t" in found:  # the log may continue after midnight
                 found["t"] = np.unwrap(found["t"], period=DAY)
             return found
     except OSError as error:
@@ -65,7 +65,7 @@ def _read_numbers(texts: Iterable[str], layout: Layout, used: Sequence[int], bud
 
 
 def _whole_lines(stream: TextIO, layout: Layout, file: str) -> Iterator[str]:
-    """The text in pieces of about BLOCK characters that end where lines do, without the last line's end."""
+    """Yield the text in pieces of whole lines, of about BLOCK characters, without the line break at their end."""
     rest, line_number = layout.read, layout.line_number
     while text := stream.read(BLOCK):
         text = rest + text
@@ -82,7 +82,7 @@ def _whole_lines(stream: TextIO, layout: Layout, file: str) -> Iterator[str]:
 
 
 def _open_list(text: str) -> int:
-    """Where a list begins that goes on after the text; -1 = none."""
+    """Position at which a list begins that continues after the text; -1 = none."""
     opened, closed = max(map(text.rfind, "[(")), max(map(text.rfind, "])"))
     return opened if opened > closed else -1
 
@@ -95,7 +95,7 @@ def _read_block(text: str, line_number: int, header: Sequence[str], used: Sequen
         try:
             return np.loadtxt(filled, delimiter=",", comments=None, usecols=used, ndmin=2)
         except ValueError:
-            pass  # the careful reading below says which cell
+            pass  # reading line by line below reports the faulty cell
     rows = [_read_line(line, i, header, used, file) for i, line in enumerate(lines, line_number) if line.strip()]
     return np.array(rows).reshape(len(rows), len(used))
 

@@ -1,4 +1,4 @@
-"""What the first lines of a table of text say of all: names, the delimiter, and cells that are dates or lists."""
+"""Layout of a text table, inferred from its first lines: names, delimiter, and cells that are dates or lists."""
 
 import csv
 import re
@@ -10,19 +10,19 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.io.tables.headers import FORCES, TORQUES, UNITS
 
 LONGEST = 1 << 16
-"""Characters of a header by which the delimiter is told, and of the lines after it by which cells are."""
+"""Characters of a header from which the delimiter is inferred, and of the lines after it for the kinds of cells."""
 MAX_LINE = 1 << 20
-"""Characters; the widest table of a robot has some thousand columns."""
+"""Characters per line; the widest table of a robot has some thousand columns."""
 MOST_COMMENTS = 1000
 SOME = 2
-"""Fractions in a line, which therefore has no names."""
+"""Number of decimal fractions from which on a line is taken for data, not for names."""
 STAMPED = ("sec", "nanosec", "frame_id")
-"""What the header of a message of ROS 2 has."""
+"""Columns of the header of a ROS 2 message."""
 EPOCH, DAY = "1970-01-01", 86400.0
-"""From which s are counted, and s."""
+"""Date from which s are counted, and s of a day."""
 NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*([eE][+-]?\d+)?|\.\d+([eE][+-]?\d+)?|nan|inf(inity)?)\s*", re.I | re.ASCII)
 
-_MARK = re.compile(r"\s*(#|//|% |sep=)")  # the last is Excel's
+_MARK = re.compile(r"\s*(#|//|% |sep=)")  # the last one is Excel's
 _SEMICOLONS = str.maketrans({",": ".", ";": ","})
 _ENDS = re.compile(r"^#?[ \t]+|[ \t]+$", re.MULTILINE)
 _DATE = re.compile(
@@ -33,27 +33,27 @@ _LIST = re.compile(r'"?[\[(]([^\[\]()]*)[\])]"?')
 
 
 class Layout(NamedTuple):
-    """How a table is written."""
+    """Layout of a table."""
 
     header: list[str]
-    """Names of the columns; where cells are lists, one for each entry."""
+    """Names of the columns; if cells are lists, one name for each entry."""
     with_commas: Callable[[str], str]
-    """Turns whole lines into numbers separated by commas."""
+    """Function that converts whole lines to numbers separated by commas."""
     has_lists: bool
-    """Whether cells are lists, which may go on in the next line."""
+    """Whether cells are lists, which may continue on the next line."""
     of_day: bool
     """Whether stamps may be s since midnight."""
     line_number: int
-    """Of the first line of numbers, counted from 1."""
+    """Number of the first line of data, counted from 1."""
     read: str
-    """What was read of them to know that."""
+    """Text of the lines of data that was read to infer the layout."""
 
 
 def read_layout(stream: TextIO, file: str) -> Layout:
-    """The header is the first line that is no comment, or if that has numbers, a comment before it with as many cells.
+    """Infer the layout of a table from its first lines; columns without names are called 1, 2, 3, ...
 
-    A comment begins with a mark, or has a single cell. Units of all columns may stand in the line after the header.
-    Columns without names are called 1, 2, 3, ...
+    The header is the first line that is no comment or, if it has numbers, a comment before it with as many cells. A
+    comment begins with a mark, or has a single cell. Units of all columns may stand in the line after the header.
     """
     comments: list[str] = []
     line, number = _next_line(stream, file, 0)
@@ -75,7 +75,7 @@ def read_layout(stream: TextIO, file: str) -> Layout:
 
 
 def check_length(line: str, line_number: int, file: str) -> None:
-    """Refuse what is too long for a line of a table."""
+    """Refuse a line that is too long for a table."""
     if len(line) > MAX_LINE:
         message = f"is longer than {MAX_LINE} characters"
         raise LogError(message, file=file, field=f"line {line_number}", remedy="give a CSV file")
@@ -101,7 +101,7 @@ def _names(line: str) -> list[str]:
 
 
 def _units(line: str, width: int) -> list[str]:
-    """Those in a line with as many cells and no numbers; [] = they are none."""
+    """Units in a line with ``width`` cells and no numbers; [] = the line holds no units."""
     units = [cell.strip(' \t\r"[]()') for cell in line.split(",")]
     has_numbers = any(map(NUMBER.fullmatch, re.split(r"[\s,\[\]()\"]+", line))) or _DATE.search(line)
     known = any(unit.lower() in words for unit in units for _, words in UNITS.values())
@@ -113,9 +113,9 @@ def _with_unit(name: str, unit: str) -> str:
 
 
 def _to_commas(header: str) -> Callable[[str], str]:
-    """What turns whole lines into cells separated by commas, by what stands between those of the first line.
+    """Function that converts whole lines to cells separated by commas, from the delimiter of the first line.
 
-    Between semicolons a comma is the decimal one.
+    Between semicolons, a comma is the decimal separator.
     """
     if "," in header:
         return str
@@ -129,18 +129,18 @@ def _to_commas(header: str) -> Callable[[str], str]:
 
 
 def _to_commas_of_numbers(line: str) -> Callable[[str], str]:
-    """The same by a line of numbers, which may have decimal commas."""
+    """``_to_commas`` from a line of numbers, which may have decimal commas."""
     outside_lists = _LIST.sub("0", line[:LONGEST])
     return _to_commas(";" if ";" in outside_lists else outside_lists)
 
 
 def _cells(line: str) -> list[str]:
-    """Of a line of numbers, with 0 in the place of lists."""
+    """Cells of a line of numbers, with 0 in place of lists."""
     return _to_commas_of_numbers(line)(_to_seconds(_LIST.sub("0", line.strip()))).split(",")
 
 
 def _has_numbers(line: str) -> bool:
-    """Whether a line has no names: nothing but numbers, dates and lists, or some fractions beside words.
+    """Whether a line is data, not names: nothing but numbers, dates and lists, or some fractions besides words.
 
     Numbers that count the columns, as pandas writes them, are names.
     """
@@ -152,10 +152,10 @@ def _has_numbers(line: str) -> bool:
 
 
 def _of_message(cells: Sequence[str]) -> list[str]:
-    """Names of the columns of a line of numbers: 1, 2, 3, ..., or those of the message that it is.
+    """Names of the columns of a table without header: 1, 2, 3, ..., or those of a ROS message that its cells resemble.
 
-    ``ros2 topic echo --csv`` writes whole s, ns, the frame, and of a WrenchStamped six numbers, of a JointState the
-    names of the joints and their positions, velocities and efforts; a list without entries is one empty cell.
+    ``ros2 topic echo --csv`` writes whole s, ns and the frame, then six numbers of a WrenchStamped, or the names of the
+    joints and their positions, velocities and efforts of a JointState; a list without entries is one empty cell.
     """
     text = "".join("." if NUMBER.fullmatch(cell) else "w" if cell else "-" for cell in cells)
     if re.fullmatch(r"\.\.[w-]\.{6}", text):
@@ -172,7 +172,7 @@ def _of_message(cells: Sequence[str]) -> list[str]:
 
 
 def _layout(header: list[str], text: str, line_number: int, with_commas: Callable[[str], str]) -> Layout:
-    """By the names and the first lines of numbers."""
+    """Layout of a table from its header and its first lines of numbers."""
     steps = [with_commas]
     if date := _DATE.search(text):  # before spaces become commas, but after decimal commas become points
         steps.insert(1 if with_commas(",") == "." else 0, _to_seconds)
@@ -193,18 +193,18 @@ def _layout(header: list[str], text: str, line_number: int, with_commas: Callabl
 
 
 def _entries(found: re.Match[str]) -> str:
-    """Those of a list, with spaces between them."""
+    """Entries of a list, separated by spaces."""
     return " ".join(re.split(r"[,;\s]+", found[1].strip()))
 
 
 def _width(cell: str) -> int:
-    """How many numbers a cell has that is a list; 0 = it is none."""
+    """Number of entries of a cell that is a list; 0 = it is no list."""
     listed = re.fullmatch(r"\s*<(\d+)>\s*", cell)
     return int(listed[1]) if listed and int(listed[1]) > 1 else 0
 
 
 def _side_by_side(text: str, widths: Sequence[int]) -> str:
-    """Lines with the entries of their lists in cells of their own; in place of a list that is empty, as many."""
+    """Lines with the entries of their lists in separate cells; an empty list becomes as many empty cells."""
     lines = [line.split(",") for line in text.split("\n")]
     for i, cells in enumerate(lines):
         if len(cells) == len(widths):
@@ -214,9 +214,9 @@ def _side_by_side(text: str, widths: Sequence[int]) -> str:
 
 
 def _to_seconds(text: str) -> str:
-    """The text with s since 1970 in the place of dates, which are of UTC if they do not state their zone.
+    """Replace dates in a text by s since 1970; dates without a time zone are in UTC.
 
-    Of a time without a date, or with one whose day and month cannot be told apart, s since midnight.
+    A time without a date, or with a date whose day and month are ambiguous, becomes s since midnight.
     """
 
     def seconds(found: re.Match[str]) -> str:

@@ -1,7 +1,7 @@
-"""What the names of a table's columns say: one table of the names that people, robots and loggers use.
+"""Recognition of a table's columns by their names, from one list of the names that people, robots and loggers use.
 
-Names are compared without upper case, brackets and units: ``/ft/wrench/force/x``, ``Force X [N]`` and ``force_x`` are
-one name, the first with something before it. Whoever reads a table asks here, so that all understand the same.
+Names are compared without case, brackets and units: ``/ft/wrench/force/x``, ``Force X [N]`` and ``force_x`` are the
+same name, the first with a prefix. Every reader of tables uses this module, so that all interpret names alike.
 """
 
 import re
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 
 def _words(text: str) -> dict[str, str]:
-    """Word -> value, of lines "value: word, word, ..."."""
+    """Map word -> value, from entries "value: word, word, ..." separated by semicolons."""
     lines = (line.split(":") for line in text.split(";"))
     return {word.strip(): value.strip() for value, words in lines for word in words.split(",")}
 
@@ -32,7 +32,7 @@ UNITS: Mapping[str, tuple[str, Mapping[str, str]]] = {
     "temperature": ("", _words(": c, °c, degc, celsius, k, kelvin")),
     "length": ("", {"m": ""}),
 }  # fmt: skip
-"""Dimension -> the key of a setup that states the unit, and words for units -> its values."""
+"""Dimension -> the setup's key that states the unit, and a map from words for units to values of that key."""
 DIMENSIONS: Mapping[str, str] = {
     "time": "time",
     "temperature": "temperature",
@@ -44,7 +44,7 @@ DIMENSIONS: Mapping[str, str] = {
 }
 """Quantity -> dimension; a wrench has two, and orientations none."""
 OTHER = "other_"
-"""Before a quantity: names that are looked for only where none of the usual ones is there."""
+"""Prefix of a quantity in the tables below: names that are looked for only if none of the usual ones is found."""
 Names = tuple[str, ...]
 
 FORCES, TORQUES = tuple(f"force_{x}" for x in "xyz"), tuple(f"torque_{x}" for x in "xyz")
@@ -76,7 +76,7 @@ FIXED: Mapping[str, tuple[Names, ...]] = {
         tuple(f"{stem}{x}" for x in "xyz") for stem in ("a", "linear_acceleration_", "accel_", "acc_")
     ),
 }
-"""Quantity -> what its columns may be called."""
+"""Quantity -> the sets of names that its columns may have."""
 COUNTED: Mapping[str, Names] = {
     "position": (
         *("actual_q", "q", "joint_positions", "joint_position", "joint_pos", "joint_angles", "joint_angle"),
@@ -92,53 +92,53 @@ COUNTED: Mapping[str, Names] = {
         *("external_wrench", "wrench", "ft"),
     ),
 }
-"""Quantity -> stems behind which its columns are counted from 0 or 1."""
+"""Quantity -> stems of the names of its columns, which are numbered from 0 or 1."""
 BY_JOINT: Mapping[str, Names] = {
     "position": ("position_{}", "{}_position", "{}_pos", "{}"),
     "velocity": ("velocity_{}", "{}_velocity", "{}_vel"),
 }
-"""Quantity -> how its columns have the names of the joints."""
+"""Quantity -> templates of its columns' names, in which {} is the name of a joint."""
 OF_JOINTS = ("j",)
-"""Stems that mean joints, not what is measured of them: with something before it, torque_J1 is no position."""
+"""Stems that mean joints, not their measured quantity; not accepted with a prefix, because torque_J1 is no position."""
 IN_BASE_AXES = ("actual_tcp_force", "o_f_ext_hat_k")
-"""What UR and Franka report in the axes of the base."""
+"""Wrenches that UR and Franka report in the axes of the base."""
 TO_NAME = "write the names of the columns in a first line of the file, such as # t,fx,fy,fz,tx,ty,tz,q0,q1,q2,q3,q4,q5"
-"""What to do where they have none."""
+"""Remedy in error messages about columns without names."""
 HALVES = re.compile(r"(|.*_)(?:(secs?|seconds)|nsecs?|nanosecs?|nanoseconds)")
-"""Names of columns that together are stamps, as messages of ROS have them: whole s, and the ns beyond."""
+"""Names of columns that form stamps in pairs, as in ROS messages: whole s, and remaining ns."""
 COMMANDED = re.compile(r"(^|_)(target|desired|commanded|command|cmd|setpoint|reference|goal|action)_")
-"""Before a name: what somebody asked for is no measurement."""
+"""Prefixes of commanded quantities, which are not measurements."""
 BARE = re.compile(r"(.*_)?states?_|")
-"""What may stand before the name of a joint alone."""
+"""Prefixes that may precede a name that is only that of a joint."""
 _BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$")
 
 
 class Match(NamedTuple):
-    """Columns that together are one quantity."""
+    """Columns that together form one quantity."""
 
     names: Names
-    """As the header has them, in order."""
+    """Names as in the header, in order."""
     facts: Mapping[str, str] = {}
-    """Keys of a setup and their values, that follow from the names: units and axes."""
+    """Keys of a setup and their values that follow from the names: units and axes."""
     joints: Names = ()
-    """Names of the joints, where the columns have them."""
+    """Names of the joints, if the columns' names contain them."""
     native: bool = False
-    """Whether the names are these to the letter, with nothing before them: they come before all others."""
+    """Whether the names match exactly, without prefix or unit; such a match takes precedence over all others."""
 
 
 class _Column(NamedTuple):
     name: str
-    """As the header has it."""
+    """Name as in the header."""
     plain: str
-    """Lower case, words by underscores, without a unit."""
+    """Name in lower case, words separated by underscores, without a unit."""
     unit: str
-    """In lower case; "" = none."""
+    """Unit in lower case; "" = none."""
 
 
 def matches(quantity: str, header: Sequence[str], joints: Sequence[str] | None = None) -> list[Match]:
-    """All sets of columns that may be a quantity, without those that are commanded.
+    """All sets of columns that may form a quantity, excluding commanded ones.
 
-    The names of the joints decide how many columns of joints there are; None = any.
+    The number of joint names determines the number of columns of joints; None = any number.
     """
     columns = [column for name in header for column in _forms(name, _words_for(quantity))]
     found = [*_fixed(quantity, columns), *_counted(quantity, columns, joints), *_by_joint(quantity, columns, joints)]
@@ -151,12 +151,12 @@ def matches(quantity: str, header: Sequence[str], joints: Sequence[str] | None =
 
 
 def are_counted(header: Sequence[str]) -> bool:
-    """Whether the columns have numbers in the place of names."""
+    """Whether the columns have numbers instead of names."""
     return bool(header) and list(header) == [str(i + 1) for i in range(len(header))]
 
 
 def halves_of_stamps(header: Sequence[str]) -> Names:
-    """The columns of whole s and of the ns beyond that together are the stamps; () if there are others, or several."""
+    """The columns of whole s and remaining ns that form the stamps; () if there are none, several, or other stamps."""
     found: dict[str, dict[bool, str]] = {}
     for name in header:
         if half := HALVES.fullmatch(_plain(name)):
@@ -167,7 +167,7 @@ def halves_of_stamps(header: Sequence[str]) -> Names:
 
 
 def some(quantity: str, header: Sequence[str], joints: Sequence[str]) -> bool:
-    """Whether any column has a usual name of a quantity, though they need not be complete."""
+    """Whether any column has a usual name of a quantity, even if the set of its columns is incomplete."""
     tails = {tail for tails in FIXED.get(quantity, ()) for tail in tails}
     tails |= {template.format(_plain(joint)) for template in BY_JOINT.get(quantity, ()) for joint in joints}
     stems = "|".join(COUNTED.get(quantity, ()))
@@ -176,13 +176,13 @@ def some(quantity: str, header: Sequence[str], joints: Sequence[str]) -> bool:
 
 
 def _words_for(quantity: str) -> Mapping[str, str]:
-    """Words of units that columns of a quantity may have."""
+    """Words for units that columns of a quantity may have -> their dimension."""
     dimensions = ("force", "torque") if quantity == "wrench" else (DIMENSIONS.get(quantity, ""),)
     return {word: name for name in dimensions if name for word in UNITS[name][1]}
 
 
 def _forms(name: str, words: Mapping[str, str]) -> Iterator[_Column]:
-    """A name without its unit; one that may end in a unit, such as time_s, with and without it."""
+    """Yield a name without its unit; a name that may end in a unit, such as time_s, both with and without it."""
     bracket = _BRACKETS.search(name)
     unit = bracket[1].lower() if bracket else ""
     if bracket and unit in words:
@@ -201,7 +201,7 @@ def _plain(name: str) -> str:
 
 def _fixed(quantity: str, columns: Sequence[_Column]) -> Iterator[Match]:
     for tails in FIXED.get(quantity, ()):
-        alone = min(map(len, tails)) == 1 or quantity.endswith("time")  # x, or t, is the end of too many names
+        alone = min(map(len, tails)) == 1 or quantity.endswith("time")  # x, or t, is a suffix of too many names
         for start, found in _sharing_a_start(columns, tails):
             if not (alone and start):
                 yield from _match(quantity, found, start)
@@ -235,7 +235,7 @@ def _by_joint(quantity: str, columns: Sequence[_Column], joints: Sequence[str] |
 def _match(
     quantity: str, columns: Sequence[_Column], start: str, facts: Mapping[str, str] | None = None, joints: Names = ()
 ) -> Iterator[Match]:
-    """What these columns are, unless they were commanded or have units that contradict each other."""
+    """Yield the match of these columns, unless they are commanded or their units contradict each other."""
     units: dict[str, set[str]] = {}
     for i, column in enumerate(columns):
         if column.unit:
@@ -250,7 +250,7 @@ def _match(
 
 
 def _named_after_joints(quantity: str, columns: Sequence[_Column], before: str, after: str) -> Iterator[Match]:
-    """Columns of joints whose names nobody has said: what stands last in a path, beside the word for the quantity."""
+    """Yield columns of joints of unknown names: the last part of a path without the word for the quantity."""
     groups: dict[str, list[tuple[str, _Column]]] = {}
     for column in columns:
         folder, *_ = column.name.rsplit("/", 2 if after else 1) if "/" in column.name else ("",)
@@ -265,7 +265,7 @@ def _named_after_joints(quantity: str, columns: Sequence[_Column], before: str, 
 
 
 def _sharing_a_start(columns: Sequence[_Column], tails: Names) -> Iterator[tuple[str, list[_Column]]]:
-    """Columns that end in all of the tails, and what all of them have before; "" first."""
+    """Yield their common prefix and the columns that end in all of the tails, the shortest prefix first."""
     groups: dict[str, dict[str, _Column]] = {}
     for column in columns:
         for tail in tails:

@@ -3,10 +3,10 @@
 A column may hold a list in every row, such as the state of a LeRobot data set. Its entry ``i`` is called ``column/i``,
 or ``column/name`` where ``meta/info.json`` of the data set names it.
 
-What the columns unpack to is known before a library takes memory for them. The footer of a file says how large its
-columns are, and each page says so again in a header of its own, by which the memory is taken. pyarrow ends the process
-where some footers are damaged and it is asked for a column's sizes, so both are read here: structs of Thrift's compact
-protocol.
+The unpacked size of the columns is checked before a library allocates memory for them. The footer of a file states the
+sizes of its columns, and each page repeats its own size in a header, from which memory is allocated. pyarrow ends the
+process if some footers are damaged and it is asked for a column's sizes, so both are parsed here: structs of Thrift's
+compact protocol.
 """
 
 import json
@@ -24,33 +24,33 @@ from ftbias_jax.io.tables.columns import Columns, split
 from ftbias_jax.types import Array
 
 BATCH = 1 << 16
-"""Rows decoded at once."""
+"""Rows decoded per batch."""
 LOOKED_AT = 1000
-"""Rows, for the length of a list."""
+"""Rows that are searched for the length of a list."""
 MAX_FOOTER = 8 << 20
-"""Bytes of the description of columns and row groups, which takes a hundredfold in memory."""
+"""Bytes of the footer, which describes columns and row groups and takes a hundred times as much in memory."""
 MAX_LIST = 100_000
-"""Columns or row groups."""
+"""Maximum number of columns or row groups."""
 MOST_ENTRIES = 1000
-"""Of one list: the state of a robot has some dozens."""
+"""Maximum number of entries of one list; the state of a robot has some dozens."""
 MOST_BYTES = 1 << 20
-"""Of meta/info.json."""
+"""Maximum bytes that are read of meta/info.json."""
 Cell = tuple[str, int | None]
-"""Where the numbers of a name are: the column of the file, and the entry of its lists; None = it holds numbers."""
+"""Location of named numbers: the column of the file and the index in its lists; None = the column holds numbers."""
 LEVELS = 4
-"""Folders above a file in which the data set's meta may be: data/chunk-000/episode_000000.parquet."""
+"""Number of folders above a file that may contain the data set's meta: data/chunk-000/episode_000000.parquet."""
 MAX_DEPTH = 16
 MAX_HEADER = 1 << 16
-"""Bytes: of numbers it takes about 50."""
+"""Bytes of a page's header; that of a page of numbers takes about 50."""
 TAIL = 8
-"""Bytes at the end of a file: the length of its footer, and its mark."""
+"""Bytes at the end of a file: the length of its footer, and its magic number."""
 TRUE, FALSE, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, MAP, STRUCT = range(1, 13)
-"""Types of the compact protocol."""
+"""Codes of the types of Thrift's compact protocol."""
 DAMAGE = (IndexError, KeyError, TypeError, ValueError, AttributeError)
 
 
 def parquet_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> dict[str, Array]:
-    """The columns that ``choose`` takes of their names, as arrays by the names that it gives them.
+    """Read the columns that ``choose`` selects from their names, as arrays by the names that it gives them.
 
     "t" is in s if floating point, in ns if integer or a timestamp of any unit. A row may have joints only, or a wrench
     only.
@@ -81,11 +81,11 @@ def parquet_columns(file: str, choose: Callable[[Sequence[str]], Columns]) -> di
 
 @contextmanager
 def _opened(file: str) -> Iterator[tuple[Any, Budget]]:
-    """The file and its budget; what pyarrow raises as errors of ours."""
+    """The file and its budget; exceptions of pyarrow are raised as LogError."""
     arrow, parquet = need("pyarrow", "parquet", file), need("pyarrow.parquet", "parquet", file)
     budget = Budget(file)
     try:
-        # A memory map, not a path: pyarrow would take a folder of files, or the address of a server.
+        # A memory map, not a path: pyarrow would also accept a folder of files, or the address of a server.
         with arrow.memory_map(file) as source:
             _check_footer(source, file)
             limits = {"thrift_container_size_limit": MAX_LIST, "thrift_string_size_limit": MAX_FOOTER}
@@ -99,7 +99,7 @@ def _opened(file: str) -> Iterator[tuple[Any, Budget]]:
 
 
 def _check_footer(source: Any, file: str) -> None:
-    """Refuse a description of columns that is too long for a log, before it is parsed."""
+    """Refuse a footer that is too long for a log, before it is parsed."""
     size = source.size()
     if size >= 8:
         source.seek(size - 8)
@@ -111,7 +111,7 @@ def _check_footer(source: Any, file: str) -> None:
 
 
 def _check_type(arrow: Any, kind: Any, name: str, is_time: bool, file: str) -> None:
-    """Refuse a column that has no numbers before any is read: a text may be repeated a million times."""
+    """Refuse a non-numeric column before it is read, because a text may be repeated a million times."""
     types, remedy = arrow.types, "store real numbers, null where not measured"
     if is_time:
         remedy = "store s, integer ns, or timestamps"
@@ -123,7 +123,7 @@ def _check_type(arrow: Any, kind: Any, name: str, is_time: bool, file: str) -> N
 
 
 def _times(arrow: Any, column: Any, name: str, file: str) -> Array:
-    """Stamps: float64 s, or int64 ns."""
+    """Stamps of a column as float64 s, or int64 ns."""
     if column.null_count:
         raise LogError(f"has {column.null_count} nulls", file=file, field=name, remedy="give every sample a stamp")
     if arrow.types.is_timestamp(column.type):
@@ -132,7 +132,7 @@ def _times(arrow: Any, column: Any, name: str, file: str) -> Array:
 
 
 def cells_of(arrow: Any, table: Any, file: str) -> list[tuple[str, Cell]]:
-    """The names of all numbers in a row, and where each is; lists of no stated length have that of the first."""
+    """Name and location of each number in a row; lists of no stated length have the length of the first list."""
     schema, stated = table.schema_arrow, None
     cells: list[tuple[str, Cell]] = []
     for column, kind in zip(map(str, schema.names), schema.types, strict=True):
@@ -142,7 +142,7 @@ def cells_of(arrow: Any, table: Any, file: str) -> list[tuple[str, Cell]]:
         stated = _features(file) if stated is None else stated
         names = _entry_names(stated.get(column))
         width = kind.list_size if arrow.types.is_fixed_size_list(kind) else len(names)
-        if not width and arrow.types.is_floating(kind.value_type):  # not the pixels of pictures
+        if not width and arrow.types.is_floating(kind.value_type):  # integers may be pixels of images
             width = _first_length(table, column, file)
         if not 0 < width <= MOST_ENTRIES:
             cells.append((column, (column, None)))
@@ -153,14 +153,14 @@ def cells_of(arrow: Any, table: Any, file: str) -> list[tuple[str, Cell]]:
 
 
 def _first_length(table: Any, column: str, file: str) -> int:
-    """Entries of the first list of a column; 0 = there is none in the first LOOKED_AT rows."""
+    """Number of entries of the first list of a column; 0 = there is none in the first LOOKED_AT rows."""
     check_pages(file, [column], Budget(file))
     batch = next(table.iter_batches(LOOKED_AT, columns=[column], use_threads=False))
     return next((len(entries) for entries in batch.column(0) if entries.is_valid), 0)
 
 
 def _features(file: str) -> Mapping[str, Any]:
-    """What the data set of a file says of its columns; {} if it belongs to none, or says nothing that can be read."""
+    """Description of a file's columns in its data set; {} if it belongs to none, or the description is unreadable."""
     for folder in list(Path(file).absolute().parents)[:LEVELS]:
         try:
             with open(folder / "meta" / "info.json", "rb") as stream:
@@ -173,7 +173,7 @@ def _features(file: str) -> Mapping[str, Any]:
 
 
 def _entry_names(feature: Any) -> list[str]:
-    """Names of a list's entries, or their numbers by its shape; [] if neither is stated."""
+    """Names of a list's entries, or their indices from its shape; [] if neither is stated."""
     if not isinstance(feature, dict):
         return []
     names, shape = feature.get("names"), feature.get("shape")
@@ -188,18 +188,18 @@ def _entry_names(feature: Any) -> list[str]:
 
 
 class Thrift:
-    """Values one after the other; ValueError or IndexError if they are none, or do not end in these bytes."""
+    """Reader of values in Thrift's compact protocol; ValueError or IndexError if they are invalid or truncated."""
 
     def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
 
     def struct(self, depth: int = 0) -> dict[int, Any]:
-        """Fields by number: int, bytes, lists and structs; None for numbers of other types, truth is left out."""
+        """Read fields by number: int, bytes, lists and structs; None for other number types, Booleans are left out."""
         fields: dict[int, Any] = {}
         number = 0
         while head := self._byte():
             number = number + (head >> 4) if head >> 4 else self._integer()
-            if head & 15 not in (TRUE, FALSE):  # a field of truth has its value in its type
+            if head & 15 not in (TRUE, FALSE):  # a Boolean field has its value in its type
                 fields[number] = self._value(head & 15, depth + 1)
         return fields
 
@@ -238,15 +238,15 @@ class Thrift:
         raise ValueError("too long")
 
     def _integer(self) -> int:
-        """Of zigzag: 0, -1, 1, -2, 2 are 0, 1, 2, 3, 4."""
+        """Read a zigzag integer: 0, -1, 1, -2, 2 are stored as 0, 1, 2, 3, 4."""
         value = self._varint()
         return (value >> 1) ^ -(value & 1)
 
 
 def check_pages(file: str, names: Collection[str], budget: Budget) -> int:
-    """The rows of a file, whose columns of these names unpack to no more than its size allows, whatever it says."""
+    """Number of rows of a file; checks that the named columns unpack to no more than the size of the file allows."""
     with open(file, "rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        length = int.from_bytes(content[-TAIL : 4 - TAIL], "little")  # was checked before
+        length = int.from_bytes(content[-TAIL : 4 - TAIL], "little")  # checked by _check_footer
         try:
             groups = Thrift(content[-TAIL - length : -TAIL]).struct()[4]
             chunks = [[_chunk(column[3]) for column in group[1]] for group in groups]
@@ -264,14 +264,14 @@ def check_pages(file: str, names: Collection[str], budget: Budget) -> int:
 
 
 def _chunk(fields: dict[int, Any]) -> tuple[str, int, int, int]:
-    """Of a column in a row group its name, where its pages begin, and their bytes as stored and as unpacked."""
+    """Name of a column in a row group, start of its pages, and their bytes as stored and as unpacked."""
     dictionary = fields.get(11, 0)
     start = min(fields[9], dictionary) if dictionary > 0 else fields[9]
     return fields[3][0].decode("utf-8", "replace"), start, fields[7], fields[6]
 
 
 def _check_column(content: Any, at: int, end: int, name: str, budget: Budget) -> None:
-    """Refuse pages that are too large, one or all together, or that do not fill their column."""
+    """Refuse pages that are too large, separately or together, or that do not fill their column."""
     damaged = LogError(
         "is damaged: its pages do not fill their column", file=budget.file, field=name, remedy="write it again"
     )

@@ -1,4 +1,4 @@
-"""Static poses, the standard calibration: a table with one reading at rest a row, with or without time."""
+"""Static poses, the standard calibration: a table with one reading at rest per row, with or without time."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
 FEWEST, MOST = 4, 1000
-"""Poses: fewer do not tell a weight from a bias, more are a log of motion."""
+"""Number of poses; fewer cannot distinguish a weight from a bias, more are a log of motion."""
 
 
 class Poses(NamedTuple):
-    """Readings at rest, one a pose."""
+    """Readings at rest, one per pose."""
 
     t: Float[Array, " N"]
     """(N,) s, or 0, 1, 2, ... where no time was recorded."""
     timed: bool
-    """Whether it was."""
+    """Whether the time was recorded."""
     q: Float[Array, "N n"]
-    """(N, n) rad (m for prismatic joints); of a setup with sensor_pose (N, 4): the quaternion w, x, y, z."""
+    """(N, n) rad (m for prismatic joints); (N, 4) quaternion w, x, y, z if the setup has a sensor_pose."""
     wrench: Float[Array, "N 6"]
-    """(N, 6) N and Nm with the sign of the report, as ``Log.wrench``."""
+    """(N, 6) N and Nm with the sign convention of the report, as ``Log.wrench``."""
     repairs: Repairs = ()
-    """What was left out."""
+    """Description of the poses that were left out."""
 
     @classmethod
     def from_arrays(
@@ -47,14 +47,14 @@ class Poses(NamedTuple):
         orientation: Array | None = None,
         t: Array | None = None,
     ) -> Poses:
-        """Poses from arrays in memory, checked as those that ``read_poses`` reads.
+        """Build poses from arrays in memory, with the checks of ``read_poses``.
 
         Args:
             setup: gives the number of joints and the sensor's sign.
-            wrench: (N, 6) N, Nm, sensor frame, as the sensor reports it: the mean of a while at rest.
+            wrench: (N, 6) N, Nm, sensor frame, as the sensor reports it: the mean over an interval at rest.
             q: (N, n) rad (m); None if the setup has a sensor_pose.
             orientation: (N, 4) or (N, 3, 3) of the sensor's mount in the base frame, as the setup's sensor_pose states.
-            t: (N,) s, or None: the bias may then drift from pose to pose, in the order of the rows.
+            t: (N,) s; if None, the bias may drift from pose to pose, in the order of the rows.
 
         Raises:
             LogError: shapes disagree, a value is infinite, or there are fewer than FEWEST poses.
@@ -66,10 +66,10 @@ class Poses(NamedTuple):
 def read_poses(path: str | os.PathLike[str], setup: Setup) -> Poses:
     """Read a table of static poses: CSV, Parquet, NPZ or HDF5 with the names of a log, time optional.
 
-    Of a sensor_pose only the orientation is read.
+    If the setup has a sensor_pose, only the orientation is read.
 
     Raises:
-        LogError: the file cannot be read, or is no table of 4 to 1000 readings at rest.
+        LogError: the file cannot be read, or is not a table of 4 to 1000 readings at rest.
     """
     file = os.fspath(path)
     if suffix_of(file) not in TABLES:
@@ -79,7 +79,7 @@ def read_poses(path: str | os.PathLike[str], setup: Setup) -> Poses:
 
 
 def poses_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -> Poses:
-    """Poses of wrench (N, 6), q (N, n) or orientation, and maybe t (N,); others are ignored."""
+    """Build poses from wrench (N, 6), q (N, n) or orientation, and optionally t (N,); other arrays are ignored."""
     setup = orientation_alone(setup)
     if setup.pose is not None and "q" not in arrays:
         arrays = with_pose(arrays, setup.pose, file)
@@ -104,7 +104,7 @@ def poses_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "")
 
 
 def as_log(poses: Poses) -> Log:
-    """The same as a log, of which neither rates nor temperatures are known."""
+    """The poses as a log without velocities and temperatures, which are NaN."""
     unknown = np.full(poses.q.shape, np.nan)
     return Log(poses.t, poses.q, unknown, poses.wrench, unknown[:, 0], repairs=poses.repairs)
 

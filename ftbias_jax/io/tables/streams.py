@@ -1,4 +1,4 @@
-"""Logs of which every stream is a file of its own, with stamps of its own: [log.files] of the setup."""
+"""Logs whose streams are separate files, each with stamps of its own: [log.files] of the setup."""
 
 import os
 import re
@@ -28,21 +28,21 @@ QUANTITIES = {
     "wrench": ("wrench", "temperature"),
     "temperature": ("temperature",),
 }
-"""Key of [log.files] -> what its file has, the first of it at least."""
+"""Key of [log.files] -> quantities that its file may hold, of which the first is required."""
 STAMPS = {"position": "t_joints", "velocity": "t_joints", "wrench": "t_wrench", "temperature": "t_wrench"}
-"""Quantity -> name of its stamps, where a file of arrays has not one clock."""
+"""Quantity -> name of its stamps in a file of arrays that has no common clock."""
 MAIN = "wrench"
-"""The stream whose file names the log; every setup with [log.files] states it."""
+"""The stream whose file identifies the log; every setup with [log.files] states it."""
 
 
 def setup_of_file(setup: Setup, key: str) -> Setup:
-    """The setup with the unit of the stamps of one of the files."""
+    """The setup with the time unit of one of the log's files."""
     unit = setup.log.time_units.get(key, setup.log.time_unit)
     return replace(setup, log=replace(setup.log, time_unit=unit))
 
 
 def read_files(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> Log:
-    """Read the files of one log, and put their samples on one timeline, without interpolation."""
+    """Read the files of one log, and merge their samples into one timeline, without interpolation."""
     file, named = os.fspath(path), keys.further_columns(setup.log.columns)
     parts: list[Part] = []
     repairs: list[Repair] = []
@@ -70,7 +70,7 @@ def read_files(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fa
 
 
 def unknown_format(file: str) -> LogError:
-    """The error of a file whose suffix is that of no log."""
+    """Error for a file whose suffix is not that of a log."""
     *most, last = (*native.TABLES, *SUFFIXES)
     remedy = f"give a log that ends in {', '.join(most)} or {last}, or a ROS 2 bag's folder"
     return LogError(f"unknown format {native.suffix_of(file)!r}", file=file, remedy=remedy)
@@ -79,7 +79,7 @@ def unknown_format(file: str) -> LogError:
 def read_stream(
     file: str, quantities: Sequence[str], setup: Setup, *, salvage: bool = False
 ) -> tuple[list[Part], Repairs]:
-    """Stamps in order and arrays of one file by their native names; a recording may have several streams."""
+    """Sorted stamps and arrays of one file, by native names; a recording may have several streams."""
     if is_ros(file):
         return _of_recording(file, quantities, setup, salvage)
     if native.suffix_of(file) not in native.TABLES:
@@ -97,7 +97,7 @@ def read_stream(
 
 
 def _of_arrays(arrays: Mapping[str, Array], quantities: Sequence[str], setup: Setup, file: str) -> dict[str, Array]:
-    """The wanted arrays that share the stamps of the first, and these as "t"."""
+    """The arrays of the wanted quantities that share the stamps of the first quantity, and these stamps as "t"."""
     further = {key: arrays[name] for key, (name,) in named_columns(list(arrays), setup, file).items()}
     mine = {key: names for key, names in setup.log.columns.items() if key in ("time", *quantities)}
     arrays = native.by_native_names(arrays, replace(setup, log=replace(setup.log, columns=mine)), file)
@@ -126,8 +126,8 @@ def _of_arrays(arrays: Mapping[str, Array], quantities: Sequence[str], setup: Se
 def _of_recording(
     file: str, quantities: Sequence[str], setup: Setup, salvage: bool
 ) -> tuple[list[Part], tuple[Repair, ...]]:
-    """The streams of a recording that have the wanted quantities."""
-    # A temperature that is not its own may be in another file.
+    """The streams of a recording that hold the wanted quantities."""
+    # [log.columns] may name a temperature that is in another file of the log.
     refuse_columns(setup, [key for key in quantities if key in (quantities[0], "velocity")], file)
     mended: list[Repair] = []
     recording = credible(read_recording(file, salvage=salvage, wanted=wanted_of(setup)), mended)
@@ -146,12 +146,12 @@ def files_of(path: str | os.PathLike[str], patterns: Mapping[str, str]) -> dict[
     if not found:
         remedy = f"give a log whose name fits one of {', '.join(patterns.values())}"
         raise LogError("is none of the files that log.files of the setup names", file=path, remedy=remedy)
-    # A name may fit several patterns, such as "*.csv" and "*_wrench.csv": one of them leads to files that are there.
+    # A name may fit several patterns, such as "*.csv" and "*_wrench.csv": take the one whose files exist.
     return next((files for files in found if all(map(exists, files.values()))), found[0])
 
 
 def inputs_of(path: str | os.PathLike[str], patterns: Mapping[str, str]) -> tuple[str, ...]:
-    """All files of a log; of one that is a single file, or that fits no pattern, the path itself."""
+    """All files of a log; the path itself if the log is a single file, or fits no pattern."""
     try:
         return tuple(dict.fromkeys(files_of(path, patterns).values())) if patterns else (os.fspath(path),)
     except LogError:
@@ -159,10 +159,10 @@ def inputs_of(path: str | os.PathLike[str], patterns: Mapping[str, str]) -> tupl
 
 
 def main_file(path: str, patterns: Mapping[str, str]) -> str | None:
-    """The file that names the log which a file belongs to; None if it belongs to none.
+    """The file that identifies the log to which a file belongs; None if it belongs to none.
 
-    That of the wrench, so that all files of a log give one name. If it is missing, the first of the others that is
-    there, so that whoever reads the log says what is missing.
+    This is the wrench's file, so that all files of a log give the same name. If it is missing, it is the first other
+    file that exists, so that reading the log reports what is missing.
     """
     try:
         files = files_of(path, patterns)
@@ -173,7 +173,7 @@ def main_file(path: str, patterns: Mapping[str, str]) -> str | None:
 
 
 def _readings(path: str, patterns: Mapping[str, str]) -> Iterator[dict[str, str]]:
-    """The files of the log that a path belongs to, as each pattern that it fits has it."""
+    """Yield the files of the log to which a path belongs, once for each pattern that it fits."""
     folder, name = os.path.split(path)
     for pattern in patterns.values():
         before, star, after = pattern.partition("*")

@@ -1,4 +1,4 @@
-"""Results in the formats that other programs open: one module a format, all from the same named arrays."""
+"""Writing of results in formats that other programs open: one module per format, all from the same named arrays."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -22,10 +22,10 @@ WRITERS: dict[str, Writer] = {
 
 
 def save_results(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About | None = None) -> None:
-    """Write what a filter computed, in the format that the suffix names.
+    """Write the result of a filter, in the format of the suffix.
 
     Raises:
-        UsageError: no format has this suffix, or a field is not there. OutputError: the file cannot be written, or a
+        UsageError: no format has this suffix, or a field is absent. OutputError: the file cannot be written, or a
             package is missing.
     """
     about = about or About()
@@ -33,7 +33,7 @@ def save_results(path: str | os.PathLike[str], arrays: Mapping[str, Array], abou
 
 
 def writer(path: str | os.PathLike[str]) -> Writer:
-    """The function that writes the format of a path, to ask before minutes are spent on computing."""
+    """Function that writes the format of a path; call it to check the suffix before minutes are spent on computing."""
     suffix = Path(path).suffix.lower()
     if suffix not in WRITERS:
         remedy = f"end the name in {', '.join(WRITERS)}"
@@ -42,6 +42,6 @@ def writer(path: str | os.PathLike[str]) -> Writer:
 
 
 def written(path: str | os.PathLike[str]) -> tuple[str, ...]:
-    """The files that a result becomes: the file itself, and the description beside one of CSV."""
+    """Files written for a result: the file itself, and for CSV also the metadata file beside it."""
     name = os.fspath(path)
     return (name, companion(name)) if name.lower().endswith(".csv") else (name,)

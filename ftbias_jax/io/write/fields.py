@@ -1,4 +1,4 @@
-"""What the arrays of a result are: unit, meaning, and what they depend on. The formats and the documentation say it."""
+"""Unit, meaning and requirement of each array of a result, as stated in the files and the documentation."""
 
 from typing import NamedTuple
 
@@ -8,19 +8,19 @@ SIGN = (
     "wrenches are what the sensor exerts on the tool, in the sensor frame, torques about its origin; "
     "wrench_unbiased = reading + bias, so bias is minus the usual offset"
 )
-"""Said in every file."""
+"""Sign convention, stated in every file."""
 SMOOTH, ADAPT = "smooth", "adapt"
-"""What a field needs: that smoothing was asked for, or that the noise was taken from the log."""
+"""Requirement of a field: smoothing was requested, or the noise was estimated from the log."""
 
 
 class Field(NamedTuple):
     """One array of a result."""
 
     unit: str
-    """Of all columns; or of the force's and of the torque's, by a comma."""
+    """Unit of all columns, or those of the force and the torque, separated by a comma."""
     meaning: str
     needs: str = ""
-    """SMOOTH or ADAPT, without which it is not there; "" = always there."""
+    """SMOOTH or ADAPT, without which the field is absent; "" = always present."""
 
 
 _WRENCH, _RATE = "N, Nm", "N/s, Nm/s"
@@ -52,7 +52,7 @@ FIELDS: dict[str, Field] = {
     "bias_smooth_std": Field(_WRENCH, "standard deviation of bias_smooth", SMOOTH),
     "drift_smooth_std": Field(_RATE, "standard deviation of drift_smooth", SMOOTH),
 }
-"""Name -> what it is, in the order of files."""
+"""Name -> description of the array, in the order of the files."""
 
 LOG_UNITS = {name: FIELDS[name].unit for name in ("t", "q", "dq", "ddq", "bias", "drift", "wrench_tool")} | {
     "wrench": _WRENCH,
@@ -62,11 +62,11 @@ LOG_UNITS = {name: FIELDS[name].unit for name in ("t", "q", "dq", "ddq", "bias",
     "angular_velocity": "rad/s",
     "specific_force": "m/s^2",
 }
-"""Units of the arrays of a log and of the truth about it; those of a wrench are force, torque."""
+"""Units of the arrays of a log and of its ground truth; for a wrench, those of force and torque."""
 
 
 def unit_of(name: str, column: int = 0) -> str:
-    """The unit of one column of an array, of a wrench 0 to 5; "" if nothing is known of the array."""
+    """Unit of one column of an array, 0 to 5 for a wrench; "" if the array is unknown."""
     if name not in FIELDS:
         return ""
     force, _, torque = FIELDS[name].unit.partition(", ")

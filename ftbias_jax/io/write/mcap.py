@@ -1,6 +1,6 @@
 """Results as MCAP files of geometry_msgs/msg/WrenchStamped, and layouts of viewers for their topics.
 
-Foxglove and PlotJuggler plot the files without any setting, and by a layout all of them at once.
+Foxglove and PlotJuggler plot the files without any setting, and with a layout all topics together.
 """
 
 import os
@@ -22,18 +22,18 @@ TOPICS = (
     *("wrench_unbiased", "bias", "bias_std", "bias_smooth", "wrench_tool", "innovation"),
     *("contact_wrench", "contact_wrench_std"),
 )
-"""Arrays (T, 6) that become the topic /ftbias/NAME, where they are there."""
+"""Arrays (T, 6) that become the topic /ftbias/NAME, if they are present."""
 FLAGS = ("used", "in_contact")
-"""Arrays (T,) of truth values that do, as std_msgs/msg/Bool."""
+"""Arrays (T,) of booleans that become such topics, as std_msgs/msg/Bool."""
 FRAME = "ft_sensor"
-"""Where the log names none."""
+"""Frame in the headers if the log names none."""
 
 CDR = b"\x00\x01\x00\x00"
-"""How a message begins: little endian."""
+"""First bytes of a CDR message: little endian."""
 
 
 def schema_with_header(message: str, *parts: str) -> str:
-    """The definition of a ROS 2 message with a header, and those of its other parts, each with its name first."""
+    """Definition of a ROS 2 message with a header, and of its other parts, each beginning with its name."""
     header = (
         "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
         "builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
@@ -50,11 +50,11 @@ FLAG_SCHEMA = "bool data\n"
 
 
 def save_mcap(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About) -> None:
-    """Write the corrected wrench, the bias and what else is there as topics.
+    """Write the corrected wrench, the bias and the other arrays that are present as topics.
 
     The arrays are t (T,) s by the log's clock, (T, 6) arrays of TOPICS, N and Nm, signs as in the report, and (T,)
-    arrays of FLAGS. What ``about`` says is kept in the metadata record ``ftbias`` (``about``, ``provenance``), its
-    frame in the headers; every channel has ``unit``, ``meaning`` and ``sign`` in its own metadata.
+    arrays of FLAGS. ``about`` is stored in the metadata record ``ftbias`` (``about``, ``provenance``), its frame in the
+    headers; every channel has ``unit``, ``meaning`` and ``sign`` in its own metadata.
     """
     frame = about.frame or FRAME
     writers = need("mcap.writer", "ros", path, writes=True)
@@ -109,5 +109,5 @@ PlotJuggler."""
 
 
 def layout(program: str) -> str:
-    """The text of a layout for the topics of a result; what a file lacks stays empty."""
+    """Text of the layout for the topics of a result; plots of topics that a file lacks stay empty."""
     return resources.files(__package__ or "").joinpath("layouts", LAYOUTS[program]).read_text(encoding="utf-8")

@@ -21,7 +21,7 @@ from ftbias_jax.io.write.selection import About
 from ftbias_jax.types import Array
 
 COPY = 1 << 20
-"""Bytes copied at once."""
+"""Number of bytes per copy step."""
 
 
 def save_npz(path: str | os.PathLike[str], arrays: Mapping[str, Array]) -> None:
@@ -40,11 +40,11 @@ def save_npz(path: str | os.PathLike[str], arrays: Mapping[str, Array]) -> None:
 def save_npz_parts(
     path: str | os.PathLike[str], parts: Iterable[Mapping[str, Array]], about: Callable[[], About] = About
 ) -> None:
-    """Write named arrays that come in parts, each array the parts one after the other; of () arrays the sum.
+    """Write named arrays that come in parts: the parts of an array one after the other, of a () array their sum.
 
-    What comes is kept in files beside ``path`` that have no name, so that they are gone with this process, until all of
-    it is there: the folder needs room for the result twice. There is one part at least; all have the same names, types
-    and shapes behind the first axis. What is said beside the arrays is asked for when the last part has come.
+    The parts are kept in unnamed temporary files beside ``path``, which vanish with this process, until all parts have
+    come: the folder needs room for the result twice. There is one part at least; all have the same names, types and
+    shapes behind the first axis. ``about`` is called after the last part.
     """
     folder = os.path.dirname(os.path.realpath(path))
 
@@ -73,19 +73,19 @@ def save_npz_parts(
 
 
 def texts_of(names: Iterable[str], about: About) -> dict[str, Array]:
-    """What is said beside the arrays as arrays of one text each."""
+    """Metadata of the arrays, as arrays of one text each."""
     return {name: np.array(text) for name, text in selection.texts_of(names, about).items()}
 
 
 def texts_of_log(names: Iterable[str], reports: str, origin: Provenance) -> dict[str, Array]:
-    """The same for a log, or the truth about one."""
+    """Metadata of a log, or of its ground truth, as arrays of one text each."""
     units = {name: LOG_UNITS[name] for name in names if name in LOG_UNITS}
     about = {"reports": reports, "frame": "sensor", "units": units}
     return {"about": np.array(json.dumps(about)), "provenance": np.array(as_text(origin))}
 
 
 def _write_array(member: IO[bytes], like: Array, total: Array, rows: IO[bytes]) -> None:
-    """An array in NPY format: the total if it is a scalar, otherwise the rows in a file."""
+    """Write an array in NPY format: the total if it is a scalar, otherwise the rows in a file."""
     if like.ndim == 0:
         np.lib.format.write_array(member, np.asarray(total, like.dtype))
         return

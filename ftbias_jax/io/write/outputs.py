@@ -1,6 +1,6 @@
-"""Where results may be written: never over an input, over one another, or over what this program did not write.
+"""Checks of output paths: results never overwrite an input, one another, or what this program did not write.
 
-What it wrote, and as what, shows in a file itself: only that is replaced without being told to.
+The content of a file shows whether this program wrote it, and as what: only these are replaced without ``force``.
 """
 
 import json
@@ -22,9 +22,9 @@ from ftbias_jax.setup.save import WRITTEN_BY
 RESULT, LOG, SETUP, PAGE, FIGURE, EXPORT = "a result", "a log", "a setup", "a page", "a figure", "an export"
 DIAGNOSIS, CHECK, SCORE, CALIBRATION, PLAN = "a diagnosis", "a check", "a score", "a calibration", "a plan"
 SUFFIXES = {CALIBRATION: ".json", CHECK: ".json", DIAGNOSIS: ".json", PAGE: ".html", PLAN: ".json", SETUP: ".toml"}
-"""Kind -> what the name of such a file must end in."""
+"""Kind of output -> required suffix of its file."""
 END = 1 << 16
-"""Bytes at either end of a file that are looked at."""
+"""Number of bytes that are examined at either end of a file."""
 GENERATOR = b'<meta name="generator" content="ftbias_jax'
 IN_JSON = {
     DIAGNOSIS: (b'"schema"', b'"verdict"', b'"sentence"'),
@@ -34,9 +34,9 @@ IN_JSON = {
     PLAN: (b'"expected_std"', b'"largest_share"'),
     LOG: (b'"provenance"', b'"effects"'),
 }
-"""Kind -> what stands at the beginning of its JSON."""
+"""Kind of output -> keys at the beginning of its JSON."""
 FOR_OTHERS = (b"by ftbias_jax ", b'"/ftbias/')
-"""In what is exported for other programs: where it comes from, or the topics that layouts show."""
+"""Text in exports for other programs: their origin, or the topics that layouts show."""
 Place = str | os.PathLike[str]
 
 
@@ -48,13 +48,13 @@ def check_outputs(
 ) -> None:
     """Refuse outputs that are an input or another output, under whatever name, or somebody else's file.
 
-    Files are compared by their inodes, so that symbolic and hard links are seen through; those that are not there yet
-    by where they would be. An input that is a folder, a bag, stands for every file right in it.
+    Files are compared by their inodes, which resolves symbolic and hard links; files that do not exist yet by their
+    resolved paths. An input that is a folder, a bag, stands for every file directly in it.
 
     Args:
-        outputs: what names the file on the command line, such as ``-o`` -> the file; None or "" = not asked for.
+        outputs: option of the command line, such as ``-o`` -> its file; None or "" = not requested.
         inputs: files and folders that are read; None or "" = none.
-        kinds: option -> what is written, such as RESULT: a file that is there is replaced only if it is one of these.
+        kinds: option -> kind of output, such as RESULT: an existing file is replaced only if it is of this kind.
         force: replace files of any kind, but no inputs.
     """
     taken = {_identity(file): f"the input {os.fspath(file)!r}" for name in inputs if name for file in _files_of(name)}
@@ -78,7 +78,7 @@ def check_replaceable(output: Place, kind: str) -> None:
 
 
 def check_writable(output: Place, suffix: str = "", option: str = "--output") -> None:
-    """Refuse an output that cannot be written before minutes are spent on computing it."""
+    """Refuse an output that cannot be written, before minutes are spent on computing it."""
     if not os.fspath(output).endswith(suffix):
         raise UsageError(f"cannot write {os.fspath(output)!r}", field=option, remedy=f"end the name in {suffix}")
     if not Path(output).absolute().parent.is_dir():
@@ -89,12 +89,12 @@ def check_writable(output: Place, suffix: str = "", option: str = "--output") ->
 
 
 def output_of_setup(output: str | None, setup: str, in_place: bool) -> str:
-    """Where a command writes the setup that it changes.
+    """Path to which a command writes the setup that it changes.
 
-    ``output`` is that of ``-o``; None = not given.
+    ``output`` is the value of ``-o``; None = not given.
 
     Raises:
-        UsageError: there is no output, or it is not the setup though the setup shall be replaced.
+        UsageError: no output is given, it is the setup without ``in_place``, or another file with ``in_place``.
         OutputError: its folder does not exist.
     """
     if output is None and not in_place:
@@ -112,18 +112,18 @@ def output_of_setup(output: str | None, setup: str, in_place: bool) -> str:
 
 
 def behind_link(output: Place, in_place: bool) -> str:
-    """Where to write: what a link leads to for a setup that is replaced in place, which is the one that was read."""
+    """Path to write to: the target of a link, which was read, for a setup that is replaced in place."""
     return os.path.realpath(output) if in_place else os.fspath(output)
 
 
 def refuse_existing(path: str) -> None:
-    """A setup that somebody has worked on is not replaced by a draft."""
+    """Refuse to replace an existing setup, which somebody may have edited, by a draft."""
     if os.path.lexists(path):
         raise OutputError("is there already", file=path, remedy="name another file, or remove it")
 
 
 def kind_of(path: str | os.PathLike[str]) -> str:
-    """What this program wrote a file as, such as RESULT; "" = it did not, or nothing shows it."""
+    """Kind of output as which this program wrote a file, such as RESULT; "" = it did not, or nothing shows it."""
     file = os.fspath(path)
     try:
         with open(file, "rb") as stream:
@@ -154,7 +154,7 @@ def kind_of(path: str | os.PathLike[str]) -> str:
 
 
 def _identity(path: Place) -> tuple[object, ...]:
-    """The same for all names of one file."""
+    """Key that is the same for all names of one file."""
     resolved = os.path.realpath(path)
     try:
         status = os.stat(resolved)

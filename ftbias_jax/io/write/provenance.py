@@ -1,4 +1,4 @@
-"""Where a result comes from: program, setup, robot, logs and options. The same inputs give the same words."""
+"""Provenance of a result: program, setup, robot, logs and options. The same inputs give the same text."""
 
 import hashlib
 import json
@@ -23,25 +23,25 @@ from ftbias_jax.setup.types import SCREWS, Setup
 from ftbias_jax.types import Array
 
 FIRST_DATE, LAST_DATE = 946684800.0, 4102444800.0
-"""s since 1970 between which a stamp is a date, 2000 and 2100; other clocks start anywhere."""
+"""s since 1970, the years 2000 and 2100: only stamps between them are dates; other clocks start anywhere."""
 
 Provenance = dict[str, Any]
-"""As it stands in JSON."""
+"""Provenance as stored in JSON."""
 
 
 class Source(NamedTuple):
-    """One log."""
+    """One log from which a result was made."""
 
     file: str
     """Its path; "" = from memory."""
     wrench_t: Array
     """(W,) s, stamps of the wrench."""
     start: float
-    """s, added to the stamps."""
+    """s, stamp of the first sample, to be added to the stamps."""
 
 
 def source_of(log: Log | Poses, path: str = "") -> Source:
-    """What provenance says about a log in memory; of static poses ``path`` is their file."""
+    """Source of a log in memory; for static poses, ``path`` is their file."""
     if isinstance(log, Poses):
         return Source(path, log.t, 0.0)
     return Source(log.file, log.t[~np.isnan(log.wrench).all(1)], log.start)
@@ -50,17 +50,17 @@ def source_of(log: Log | Poses, path: str = "") -> Source:
 def provenance(
     setup: Setup, sources: Sequence[Source], options: Mapping[str, Any], names: Sequence[str] = ()
 ) -> Provenance:
-    """What a result of these logs was made from and with: plain dicts for JSON.
+    """Provenance of a result of these logs: plain dicts for JSON.
 
-    They have the version, the date (of the first log's start by its own stamps, None if they are no date), setup and
-    logs with the SHA-256 of their files (None if from memory; of a log of several files that of all together, and each
-    by itself as "files"), robot, options, and over all logs their duration in s, mean rate in Hz and samples of the
-    wrench. The ``names`` are those of the logs; () = their files' names.
+    It contains the version, the date (of the first log's start by its own stamps, None if these are no dates), the
+    setup and the logs with the SHA-256 of their files (None if from memory; for a log of several files that of all
+    together, and of each separately as "files"), the robot, the options, and over all logs their duration in s, mean
+    rate in Hz and number of samples of the wrench. ``names`` are those of the logs; () = their files' names.
     """
     logs = [_of_log(source, setup.log.files) for source in sources]
     for log, name in zip(logs, names, strict=bool(names)):
         log["name"] = name
-    # Of the text that was read, not of what the file holds by now; a setup made in a program has none.
+    # Hash of the text that was read, not of the file as it is now; a setup made in a program has no such text.
     text = (setup.source or dump_setup(setup)).encode()
     built_in = setup.robot.model if setup.robot.model != SCREWS else ""
     return {
@@ -78,21 +78,21 @@ def provenance(
 
 
 def as_text(origin: Provenance) -> str:
-    """JSON on one line."""
+    """Provenance as JSON on one line."""
     return json.dumps(origin, allow_nan=False)
 
 
 def in_words(origin: Provenance) -> str:
-    """One line for a comment in a file."""
+    """Provenance as one line for a comment in a file."""
     setup, logs = origin["setup"], ", ".join(log["name"] for log in origin["logs"])
     name = setup["name"] or "a setup in memory"
     return f"by ftbias_jax {origin['version']} from {logs} with {name}, sha256 {setup['sha256']}"
 
 
 def sha256_of(path: str) -> str | None:
-    """SHA-256 of a file; of a folder, which is a recording, that of the sums of its files by name.
+    """SHA-256 of a file; for a folder, which is a recording, that of the checksums of its files by name.
 
-    None, if it cannot be read any more: a result in memory may outlive the file of its log.
+    None if it cannot be read any more: a result in memory may outlive the file of its log.
     """
     try:
         if is_url(path):
@@ -107,7 +107,7 @@ def sha256_of(path: str) -> str | None:
 
 
 def sha256_of_all(paths: Sequence[str]) -> str | None:
-    """SHA-256 of a log: of its file, or of the sums of its files by name; None if one cannot be read any more."""
+    """SHA-256 of a log: of its file, or of the checksums of its files by name; None if one cannot be read any more."""
     if len(paths) == 1:
         return sha256_of(paths[0])
     return _sum_of_sums(paths) if all(map(exists, paths)) else None

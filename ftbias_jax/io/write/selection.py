@@ -1,4 +1,4 @@
-"""Which arrays of a result are written, how exactly and at which samples; and what a file says about them."""
+"""Selection of the arrays of a result, their precision and their samples; and the metadata of a file."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,33 +15,33 @@ from ftbias_jax.types import Array
 PRECISIONS = {"single": np.float32, "double": np.float64}
 """Single has seven digits, some ten thousand times finer than a sensor's noise."""
 ALWAYS_DOUBLE = ("t", "log_likelihood")
-"""Seconds since 1970 have sixteen digits."""
+"""Fields that are always double, because seconds since 1970 have sixteen digits."""
 EARLY = 0.1
-"""Share of the output's period by which a sample may come before its time, because stamps scatter."""
+"""Share of the output's period by which a sample may come before its time, because stamps jitter."""
 SCHEMA = 1
 SENSOR = "the sensor frame of the setup"
 
 
 class Selection(NamedTuple):
-    """What of a result is written. Samples are left out, never averaged: the values are those of the samples kept."""
+    """Part of a result that is written. Samples are left out, never averaged: values are those of the samples kept."""
 
     fields: tuple[str, ...] = ()
     """Names of ``FIELDS``, to which t is added; () = all."""
     precision: str = "single"
     """Key of PRECISIONS; t and the log likelihood are double in any case."""
     every: int = 1
-    """Every so many samples, from the first on."""
+    """Keep one in this many samples, starting with the first."""
     rate: float | None = None
-    """Hz, instead: the first sample at or after each tick of such a clock, which starts at the first sample."""
+    """Hz, instead of ``every``: keep the first sample at or after each tick of a clock starting at the first one."""
 
 
 ALL = Selection()
 
 
 def check_selection(selection: Selection, *, smooth: bool | None = None, adapt: bool | None = None) -> None:
-    """Refuse a selection that means nothing, before minutes are spent on computing.
+    """Refuse an invalid selection, before minutes are spent on computing.
 
-    Whether the result will be smoothed, and the noise taken from the log: None = not known.
+    ``smooth`` and ``adapt``: whether the result will be smoothed, and the noise estimated from the log; None = unknown.
     """
     there = {SMOOTH: smooth, ADAPT: adapt}
     for name in selection.fields:
@@ -62,13 +62,13 @@ def check_selection(selection: Selection, *, smooth: bool | None = None, adapt: 
 
 
 def selected(arrays: Mapping[str, Array], selection: Selection = ALL) -> dict[str, Array]:
-    """The arrays of a whole result that are written: (T, ...) each with t (T,), or ()."""
+    """Selected arrays of a whole result: (T, ...) each with t (T,), or ()."""
     (whole,) = selected_parts([arrays], selection)
     return whole
 
 
 def selected_parts(parts: Iterable[Mapping[str, Array]], selection: Selection) -> Iterator[dict[str, Array]]:
-    """The same, part by part of a result; where one part ends makes no difference."""
+    """Selected arrays, part by part of a result; the selection does not depend on where a part ends."""
     check_selection(selection)
     wanted = PRECISIONS[selection.precision]
     count, first, tick = 0, 0.0, -np.inf
@@ -96,20 +96,20 @@ def selected_parts(parts: Iterable[Mapping[str, Array]], selection: Selection) -
 
 
 class About(NamedTuple):
-    """What is to be said about a result beside its arrays."""
+    """Metadata of a result."""
 
     frame: str = ""
-    """The sensor's frame, as a recording of ROS names it; "" = not known."""
+    """Frame of the sensor as named in a ROS recording; "" = unknown."""
     origin: Provenance | None = None
-    """What it was made from."""
+    """Provenance of the result."""
     contacts: Sequence[Mapping[str, Any]] = ()
-    """Intervals of contact, plain numbers."""
+    """Intervals of contact, in plain numbers."""
     selection: Selection = ALL
-    """What of the result was written."""
+    """Part of the result that was written."""
 
 
 def description(names: Iterable[str], about: About) -> dict[str, Any]:
-    """Plain dicts for JSON."""
+    """Metadata of the arrays ``names`` as plain dicts for JSON."""
     selection = about.selection
     return {
         "schema": SCHEMA,
@@ -126,6 +126,6 @@ def description(names: Iterable[str], about: About) -> dict[str, Any]:
 
 
 def texts_of(names: Iterable[str], about: About) -> dict[str, str]:
-    """JSON on a line each: ``about`` with units, sign and frame, and ``provenance`` if it is known."""
+    """Metadata as JSON on one line each: ``about`` with units, sign and frame, and ``provenance`` if it is known."""
     texts = {"about": json.dumps(description(names, about), allow_nan=False)}
     return texts if about.origin is None else texts | {"provenance": as_text(about.origin)}

@@ -1,7 +1,7 @@
-"""Results as tables, one row a wrench sample, one column a number: Parquet, and CSV with metadata beside it.
+"""Results as tables, one row per wrench sample, one column per number: Parquet, and CSV with metadata beside it.
 
-"Metadata Vocabulary for Tabular Data" (W3C Recommendation, 2015) names that file NAME.csv-metadata.json. Comments in
-the CSV itself would be rows to spreadsheets, PlotJuggler and ``pandas.read_csv``.
+"Metadata Vocabulary for Tabular Data" (W3C Recommendation, 2015) names the metadata file NAME.csv-metadata.json.
+Comments in the CSV itself would be rows to spreadsheets, PlotJuggler and ``pandas.read_csv``.
 """
 
 import os
@@ -17,9 +17,9 @@ from ftbias_jax.io.write.selection import About, description, texts_of
 from ftbias_jax.types import AXES, Array
 
 JOINT_ARRAYS = ("q", "dq", "ddq", "ddq_std")
-"""Arrays with a column a joint; all others of two dimensions have a column an axis of the wrench."""
+"""Arrays with one column per joint; all others of two dimensions have one column per axis of the wrench."""
 DIGITS = {"f4": "%.9g", "f8": "%.17g"}
-"""All that a number of this type has."""
+"""Type -> format with all its significant digits."""
 DATATYPES = {"f4": "float", "f8": "double", "b1": "integer"}
 
 
@@ -27,7 +27,7 @@ class Column(NamedTuple):
     """One column of a table."""
 
     values: Array
-    """(T,)."""
+    """(T,) values."""
     unit: str
     """"" = not known."""
     meaning: str
@@ -59,8 +59,8 @@ def table(arrays: Mapping[str, Array]) -> dict[str, Column]:
 def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About) -> None:
     """Write a Parquet file that pandas, Polars and DuckDB read, with the columns of ``table``.
 
-    What ``about`` says is kept in the metadata of the schema under ``ftbias`` (provenance) and ``ftbias_about``; every
-    column has ``unit`` and ``description`` in its own.
+    ``about`` is stored in the metadata of the schema under ``ftbias`` (provenance) and ``ftbias_about``; every column
+    has ``unit`` and ``description`` in its own.
     """
     arrow, parquet = (need(name, "parquet", path, writes=True) for name in ("pyarrow", "pyarrow.parquet"))
     columns = table(arrays)
@@ -72,19 +72,19 @@ def save_parquet(path: str | os.PathLike[str], arrays: Mapping[str, Array], abou
     names = {"about": "ftbias_about", "provenance": "ftbias"}
     words = {names[name]: text for name, text in texts_of(arrays, about).items()}
     content = arrow.table(list(made.values()), schema=arrow.schema(fields, metadata=words))
-    # Measured numbers hardly repeat, but their first bytes do: so a file has half the size, and is written faster.
+    # Numbers hardly repeat, but their first bytes do: split by bytes, a file is half as large and written faster.
     floats = [name for name, column in columns.items() if column.values.dtype.kind == "f"]
     encoding = {"use_dictionary": sorted(columns.keys() - floats), "use_byte_stream_split": floats}
     write_atomic(path, lambda file: parquet.write_table(content, file, compression="zstd", **encoding))
 
 
 def companion(path: str | os.PathLike[str]) -> str:
-    """The file that says what is in a CSV file."""
+    """Path of the metadata file of a CSV file."""
     return f"{os.fspath(path)}-metadata.json"
 
 
 def save_csv(path: str | os.PathLike[str], arrays: Mapping[str, Array], about: About) -> None:
-    """Write a header line and a line a sample, with all digits that a number has; then the metadata beside it."""
+    """Write a header line and one line per sample, with all digits of a number; then the metadata file beside it."""
     columns = table(arrays)
     rows = np.column_stack([column.values for column in columns.values()])
     digits = [DIGITS.get(column.values.dtype.str[1:], "%d") for column in columns.values()]

@@ -1,4 +1,4 @@
-"""Effects of the bias stage: biases that are no straight line.
+"""Effects of the bias stage: biases that are not linear in time.
 
 Signs are the report's: amplitudes add to the bias b, and the reading is D theta - b, so a positive one lowers it.
 """
@@ -14,7 +14,7 @@ from ftbias_jax.types import Array
 
 _NEWTON = np.array([1.0] * 3 + [0.1] * 3)
 _TIMES = tuple(np.geomspace(0.5, 512.0, 21).tolist())
-"""s, time constants that a search begins at: neighbours have series that are correlated by over 0.99."""
+"""s: initial time constants of a search; the series of neighbouring ones have a correlation above 0.99."""
 
 
 def warmup(values: EffectValues, signals: Signals, wrench: Array) -> Array:
@@ -24,7 +24,7 @@ def warmup(values: EffectValues, signals: Signals, wrench: Array) -> Array:
 
 
 def temperature_drift(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """b + per_kelvin (temperature - its first value), after a first-order lag if the gauges follow the thermometer."""
+    """b + per_kelvin (temperature - its first value), after a first-order lag if the gauges lag the thermometer."""
     lag = values["lag"]
     cutoff = jnp.where(lag > 0, 1 / (2 * jnp.pi * jnp.where(lag > 0, lag, 1)), jnp.inf)
     felt = lagged(signals.t, signals.temperature[:, None], cutoff)[:, 0]
@@ -33,7 +33,7 @@ def temperature_drift(values: EffectValues, signals: Signals, wrench: Array) -> 
 
 
 def bias_jump(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """b + amplitude from the stated time on, or reached along a straight line that begins there."""
+    """b + amplitude from the stated time on, or reached along a linear ramp that begins there."""
     after, ramp, xp = signals.t - values["time"], values["ramp"], signals.t.__array_namespace__()
     rising = xp.clip(after / xp.where(ramp > 0, ramp, 1), 0, 1)
     return wrench - xp.where(ramp > 0, rising, xp.where(after >= 0, 1, 0))[:, None] * values["amplitude"][None]
@@ -50,7 +50,7 @@ EFFECTS = (
         "the bias settles exponentially after the sensor was switched on",
         "let the sensor warm up before recording, or keep this correction",
         reading=warmup,
-        # A second, longer time constant passes for drift.
+        # A second, longer time constant mimics drift.
         fit=Fitting(Settling("tau", 2.0, 0.02, by_log=True), form_error=0.12, any_shape=True),
         twins=(
             Twin("none", False, "with tau longer than the log it is a straight drift: record longer"),
@@ -94,7 +94,7 @@ EFFECTS = (
         "the bias jumped once and stayed",
         "look for a re-tare, an overload or a tool change at that time",
         reading=bias_jump,
-        fit=Fitting(Step("time", "ramp"), form_error=0.05, any_shape=True),  # a jump settles
+        fit=Fitting(Step("time", "ramp"), form_error=0.05, any_shape=True),  # A real jump settles.
         twins=(Twin("contact", False, "a contact ends; watch the wrench for longer"),),
         statement=channels("the bias of {channel} jumped by {value} at {time:.4g} s", "amplitude"),
     ),

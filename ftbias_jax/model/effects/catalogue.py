@@ -1,7 +1,7 @@
-"""The table of the built-in effects, in the order in which they act, and the values their parameters may have.
+"""Catalogue of the built-in effects, in the order in which they act, and checks of their parameter values.
 
-Adding an effect is adding one entry where it acts: simulator, fit, report and tests read this table. Values may belong
-to a table with more than the built-in ones.
+A new effect needs one entry at the position where it acts: simulator, fit, report and tests read this catalogue. Values
+may also belong to a catalogue with user-defined effects beside the built-in ones.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from ftbias_jax.types import Array
 
 
 class Catalogue(Mapping[str, Effect]):
-    """Name -> effect, in the order in which they act; equal to another one if it is made of the same entries."""
+    """Name -> effect, in the order in which they act; two catalogues are equal if they consist of the same entries."""
 
     def __init__(self, effects: Iterable[Effect], own: tuple[Effect, ...] = ()) -> None:
         self._entries = {effect.name: effect for effect in effects}
         self.own = own
-        """Those that the caller has brought."""
+        """The user-defined effects."""
 
     def __getitem__(self, name: str) -> Effect:
         return self._entries[name]
@@ -40,10 +40,10 @@ class Catalogue(Mapping[str, Effect]):
         return len(self._entries)
 
     def __repr__(self) -> str:
-        """The built-in effects by name: what the caller brought is told from others by nothing but where it is."""
+        """Names of the built-in effects, or the object's address if there are user-defined ones (equal by identity)."""
         return object.__repr__(self) if self.own else f"Catalogue({', '.join(self)})"
 
-    # Functions compiled for one catalogue serve another one of the same entries, which are compared by identity.
+    # Entries are compared by identity, so functions compiled for one catalogue serve another with the same entries.
 
     def __hash__(self) -> int:
         return hash(tuple(map(id, self._entries.values())))
@@ -54,11 +54,11 @@ class Catalogue(Mapping[str, Effect]):
         return all(mine is its for mine, its in zip(self.values(), other.values(), strict=True))
 
     def searched_by(self, *searches: type) -> tuple[Effect, ...]:
-        """The entries whose fit is searched in one of these ways, classes of ``fitting``."""
+        """The entries whose fit uses one of these search classes of ``fitting``."""
         return tuple(effect for effect in self.values() if isinstance(effect.fit.search, searches))
 
     def adding(self, own: Iterable[Effect]) -> Catalogue:
-        """The catalogue with further effects, each after the first ones of its stage."""
+        """The catalogue with further effects, each inserted after the first contiguous group of its stage."""
         own = tuple(own)
         entries = list(self.values())
         for effect in own:
@@ -71,20 +71,20 @@ class Catalogue(Mapping[str, Effect]):
 
 @jax.tree_util.register_pytree_node_class
 class OwnValues(dict[str, EffectValues]):
-    """Values of effects some of which are not built in, with the catalogue that has them: the two travel together."""
+    """Values of effects that include user-defined ones, together with the catalogue that defines them."""
 
     def __init__(self, values: Values, catalogue: Catalogue) -> None:
         super().__init__(values)
         self.catalogue = catalogue
 
     def tree_flatten(self) -> tuple[tuple[EffectValues, ...], tuple[tuple[str, ...], Catalogue]]:
-        """For JAX: the values are its leaves, names and catalogue are part of what is compiled."""
+        """Flatten for JAX: the values are the leaves, names and catalogue are static."""
         names = tuple(sorted(self))
         return tuple(self[name] for name in names), (names, self.catalogue)
 
     @classmethod
     def tree_unflatten(cls, known: tuple[tuple[str, ...], Catalogue], values: Iterable[EffectValues]) -> OwnValues:
-        """The other way."""
+        """Rebuild from the static part and the leaves."""
         names, catalogue = known
         return cls(dict(zip(names, values, strict=True)), catalogue)
 
@@ -102,11 +102,11 @@ CATALOGUE = Catalogue(
         *sampling.EFFECTS,
     )
 )
-"""The built-in effects; the order is physical, from what acts at the tool to what acts on single samples."""
+"""The built-in effects in physical order, from those that act at the tool to those that act on single samples."""
 
 
 def values_of(values: Values, catalogue: Catalogue) -> Values:
-    """The values, with the catalogue where the built-in one does not have all of them."""
+    """The values, bundled with the catalogue if the built-in one does not define all of their effects."""
     return dict(values) if all(name in CATALOGUE or name == TERM for name in values) else OwnValues(values, catalogue)
 
 
@@ -116,7 +116,7 @@ def catalogue_of(values: Values) -> Catalogue:
 
 
 def neutral_values(effect: Effect, model: Model, events: int = 1) -> EffectValues:
-    """Values at which the effect does nothing, of so many events where a parameter's shape leaves that open."""
+    """Values at which the effect does nothing, for ``events`` events where a parameter's shape leaves it open."""
     return {parameter.name: _neutral(parameter, model, events) for parameter in effect.parameters}
 
 
@@ -131,7 +131,7 @@ def typical_values(effect: Effect, model: Model) -> EffectValues:
 
 
 def complete(effect: Effect, values: EffectValues, model: Model) -> EffectValues:
-    """The values with what was left out at neutral, all in the precision of the model."""
+    """The values with omitted parameters at neutral, all in the precision of the model."""
     dtype = model.theta.dtype
     given = {name: jnp.asarray(value, dtype) for name, value in values.items()}
     events = [given[p.name].shape[0] for p in effect.parameters if p.name in given and -1 in p.shape]
@@ -144,14 +144,14 @@ def check_values(
     prefix: str = "",
     catalogue: Mapping[str, Effect] = CATALOGUE,
 ) -> Values:
-    """Numbers as read from a file or typed, checked against the catalogue.
+    """Check numbers as read from a file or entered by a user against the catalogue.
 
     Args:
-        raw: effect -> parameter -> number or (nested) list of numbers. One number stands for all of a channel's six,
-            two for three forces and three torques; lists of any length may be flat or nested.
-        error: makes the error to raise.
-        prefix: of the field in messages.
-        catalogue: the table.
+        raw: effect -> parameter -> number or (nested) list of numbers. One number stands for all six channels, two for
+            three forces and three torques; lists of any length may be flat or nested.
+        error: function that makes the error to raise.
+        prefix: prefix of the field in messages.
+        catalogue: name -> effect.
 
     Returns:
         float64 arrays of the catalogue's shapes, in the catalogue's order; optional parameters may be missing.
@@ -159,7 +159,7 @@ def check_values(
     for name in raw:
         if name not in catalogue:
             remedy = nearest(name, catalogue)
-            if remedy.startswith("known"):  # nothing here has a name like this
+            if remedy.startswith("known"):  # No known effect has a similar name.
                 remedy = f"give the file that defines it by --effects; {remedy}"
             raise error(f"unknown effect {name!r}", field=f"{prefix}{name}", remedy=remedy)
     return {
@@ -170,7 +170,7 @@ def check_values(
 
 
 def check_names(names: Collection[str], field: str, catalogue: Catalogue = CATALOGUE) -> None:
-    """Refuse names, which stand in this field, that are not in the catalogue.
+    """Raise an error for names, stated in the given field, that are not in the catalogue.
 
     Raises:
         UsageError: an unknown effect.
@@ -181,7 +181,7 @@ def check_names(names: Collection[str], field: str, catalogue: Catalogue = CATAL
 
 
 def values_from_setup(effects: Mapping[str, Any], file: str = "", catalogue: Catalogue = CATALOGUE) -> Values:
-    """The ``[effects.NAME]`` and ``[[effects.term]]`` sections of a setup, ``Setup.effects`` of this file.
+    """Checked values of the ``[effects.NAME]`` and ``[[effects.term]]`` sections of a setup, from ``Setup.effects``.
 
     Raises:
         SetupError: an unknown effect or parameter, a wrong shape, a value out of bounds.
@@ -248,7 +248,7 @@ def _check_events(effect: Effect, values: EffectValues, error: MakeError) -> Non
 
 
 def _describe(parameter: Parameter) -> str:
-    """What a parameter is, in words: ``mass [kg], one number from 0.001 to 1000 (mass of ...)``."""
+    """Description of a parameter in words: ``mass [kg], one number from 0.001 to 1000: mass of ...``."""
     shape = parameter.shape
     count = "x".join("n" if size == -1 else str(size) for size in shape)
     kind = f"{count} numbers" if shape else "one number"

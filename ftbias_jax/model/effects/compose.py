@@ -1,4 +1,4 @@
-"""All effects of a log together, in physical order, whatever order they are named in.
+"""Application of all effects of a log in physical order, whatever order they are named in.
 
 Motion and model -> transforms -> wrench of the tool -> readings -> bias and noise -> recordings.
 """
@@ -27,31 +27,31 @@ def predict(signals: Signals, values: Values, catalogue: Mapping[str, Effect] | 
     Args:
         signals: motion and nominal model of one log.
         values: effect -> parameters; {} = the nominal model.
-        catalogue: the table of effects; None = that of the values.
+        catalogue: name -> effect; None = the catalogue of the values.
 
     Returns:
-        (T, 6) N, Nm, sensor frame, wrench on the tool; biases of effects are subtracted, as the report's are.
+        (T, 6) N, Nm, sensor frame, wrench on the tool; biases of effects are subtracted, as in the report.
     """
     signals = transform(signals, values, catalogue)
     signals = signals._replace(motion=motion_of(signals))
     reading = read(signals, values, tool_wrenches(signals), catalogue)
     if TERM not in values:
         return reading
-    return reading + change(jnp, values[TERM], state_of(jnp, signals, reading))  # of which the load is the reading
+    return reading + change(jnp, values[TERM], state_of(jnp, signals, reading))  # The reading is the terms' load.
 
 
 def variance_of_terms(signals: Signals, values: Values, reading: Array) -> Array:
-    """(T, 6) N^2, Nm^2: what the setup's terms add to the variance of the noise; 0 without any."""
+    """Noise variance (T, 6) N^2, Nm^2 that the setup's terms add; 0 without any."""
     terms = {name: term for name, term in values.get(TERM, {}).items() if term.acts_as == "noise"}
     return term_noise(jnp, terms, state_of(jnp, signals, reading)) if terms else jnp.zeros_like(reading)
 
 
 BEYOND = tuple(f"beyond_{axis}" for axis in ("fx", "fy", "fz", "tx", "ty", "tz"))
-"""Columns of a log with what a simulator of the user's own adds to the wrench of the nominal tool, N and Nm."""
+"""Columns of a log with the wrench, N and Nm, that a user's own simulator adds to that of the nominal tool."""
 
 
 def tool_wrenches(signals: Signals) -> Array:
-    """(T, 6) N, Nm: wrench of the tool, D theta, for the motion and model of ``signals``, and what is BEYOND it."""
+    """Wrench of the tool, D theta (T, 6) N, Nm, for the motion and model of ``signals``, plus the columns BEYOND it."""
     wrench = wrenches_in_motion(signals.model.gravity, signals.model.theta, motion_of(signals))
     if BEYOND[0] not in signals.columns:
         return wrench
@@ -59,7 +59,7 @@ def tool_wrenches(signals: Signals) -> Array:
 
 
 def transform(signals: Signals, values: Values, catalogue: Mapping[str, Effect] | None = None) -> Signals:
-    """Model and motion as they are, where effects say that the nominal ones are wrong."""
+    """Signals with the actual model and motion, changed from the nominal ones by the ``transform`` of each effect."""
     for name, effect in _acting(values, catalogue):
         if effect.transform:
             moved = effect.transform(complete(effect, values[name], signals.model), signals)
@@ -77,13 +77,13 @@ def _acting(values: Values, catalogue: Mapping[str, Effect] | None = None) -> It
 
 
 def _moves_alike(moved: Signals, signals: Signals) -> bool:
-    """Whether the motion that was worked out before a change still holds, because neither joints nor arm changed."""
+    """Whether the motion is valid after a change: it was replaced as well, or neither joints nor arm changed."""
     before, after = ((s.q, s.dq, s.ddq, s.model.arm) for s in (signals, moved))
     return moved.motion is not signals.motion or all(a is b for a, b in zip(before, after, strict=True))
 
 
 def read(signals: Signals, values: Values, wrench: Array, catalogue: Mapping[str, Effect] | None = None) -> Array:
-    """What the sensor makes of the tool's wrench, (T, 6) D theta in N, Nm -> (T, 6), of signals after ``transform``."""
+    """Reading (T, 6) of the tool's wrench D theta (T, 6) N, Nm with the effects, for signals after ``transform``."""
     for name, effect in _acting(values, catalogue):
         if effect.reading:
             wrench = effect.reading(complete(effect, values[name], signals.model), signals, wrench)
@@ -91,7 +91,7 @@ def read(signals: Signals, values: Values, wrench: Array, catalogue: Mapping[str
 
 
 def bias(signals: Signals, values: Values) -> Array:
-    """(T, 6) N, Nm: the part of the bias that comes from effects of the bias stage, in the report's sign."""
+    """Part of the bias (T, 6) N, Nm that comes from effects of the bias stage, in the report's sign."""
     of_bias = {name: effect for name, effect in _acting(values) if effect.stage == "bias"}
     nothing = jnp.zeros((signals.t.shape[0], 6), signals.q.dtype)
     found: Array = -read(signals, values, nothing, of_bias)
@@ -100,13 +100,13 @@ def bias(signals: Signals, values: Values) -> Array:
 
 
 def record(key: Array, recorded: Record, model: Model, values: Values) -> Record:
-    """What becomes of the samples on the way to the file. Each effect has random numbers of its own.
+    """Apply the effects that act on recorded samples; each effect has its own random numbers.
 
     Args:
         key: JAX key.
         recorded: samples with bias and noise: t (T,) s, wrench (T, 6) N, Nm.
-        model: what the setup states.
-        values: of the effects.
+        model: the nominal model that the setup states.
+        values: effect -> parameters.
     """
     numbers = {name: i for i, name in enumerate(dict.fromkeys((*CATALOGUE, *catalogue_of(values))))}
     for name, effect in _acting(values):
@@ -117,8 +117,8 @@ def record(key: Array, recorded: Record, model: Model, values: Values) -> Record
 
 
 def correct_record(wrench: Array, model: Model, values: Values) -> Array:
-    """(T, 6) N, Nm recorded, with NaN where known effects make a sample useless: saturated, spike or repetition."""
-    # Backwards: a repetition is recognised before a spike is taken out of it.
+    """Recorded wrench (T, 6) N, Nm, NaN where known effects make a sample useless: saturated, spike or repetition."""
+    # The order is reversed so that a repetition is recognised before a spike is removed from it.
     for name, effect in reversed(list(_acting(values))):
         if effect.screen:
             wrench = effect.screen(complete(effect, values[name], model), wrench)
@@ -126,26 +126,26 @@ def correct_record(wrench: Array, model: Model, values: Values) -> Array:
 
 
 def forgetting_time(values: Values, catalogue: Mapping[str, Effect] | None = None) -> float:
-    """s, the longest time constant with which effects and terms forget how they began; 0 if none remembers.
+    """Longest time constant, s, with which effects and terms forget their initial state; 0 if none has a memory.
 
-    What swings or lags is taken as settled at the first sample, which it need not be.
+    Oscillations and lags are assumed to be settled at the first sample, which need not be true.
     """
     acting = [(effect.forgets, values[name]) for name, effect in _acting(values, catalogue)]
     times = [forgets(jax.tree.map(np.asarray, own)) for forgets, own in acting if forgets]
     for term in values.get(TERM, {}).values():
         if forgets := FORMS[term.drive, term.form].forgets:
             times.append(forgets(term.parameters))
-    return max((float(np.nan_to_num(time)) for time in times), default=0.0)  # a rigid tool without a damper: 0 / 0
+    return max((float(np.nan_to_num(time)) for time in times), default=0.0)  # A rigid undamped tool gives NaN.
 
 
 def noise_variance(variance: Array, rate: Array, model: Model, values: Values) -> Array:
-    """Variance of the reading's noise with the known effects that act like noise.
+    """Noise variance of the reading with the known effects that act like noise.
 
     Args:
         variance: (6,) or (T, 6) N^2, Nm^2, as the setup states it.
-        rate: (T, 6) N/s, Nm/s, of the noise-free reading.
-        model: what the setup states.
-        values: of the effects.
+        rate: (T, 6) N/s, Nm/s, time derivative of the noise-free reading.
+        model: the nominal model that the setup states.
+        values: effect -> parameters.
 
     Returns:
         (T, 6) N^2, Nm^2.
@@ -158,7 +158,7 @@ def noise_variance(variance: Array, rate: Array, model: Model, values: Values) -
 
 
 def fill_temperature(t: Array, temperature: Array) -> Array:
-    """(T,) deg C at t (T,) s without the gaps, NaN: straight lines between recorded values; zeros if there are none."""
+    """Temperature (T,) deg C at t (T,) s with gaps (NaN) filled by linear interpolation; zeros if none is recorded."""
     known = np.isfinite(temperature)
     if not known.any():
         return np.zeros_like(temperature)

@@ -1,6 +1,6 @@
 """Effects of the environment stage: forces on the tool besides gravity, and a tool that is not rigid.
 
-A force F that the environment exerts on the tool lowers the reading by F: the sensor has less to hold.
+A force F that the environment exerts on the tool lowers the reading by F, because the sensor has less to hold.
 """
 
 import jax
@@ -18,17 +18,17 @@ from ftbias_jax.types import Array
 
 
 def tool_flexibility(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """Part of the tool hangs on springs and swings against the sensor: it rings, and sags under its weight.
+    """Flexible tool: a part of it is mounted on springs, oscillates relative to the sensor and sags under its weight.
 
-    There is a mode of motion for each of the three shifts and turns along and about the sensor's axes. Let w (6,) be
-    the wrench of the rigid tool, M (6, 6) its spatial inertia about the sensor's origin, s_k the share of the tool that
-    moves in mode k, x_k how far. Spring and damper of a mode, which the sensor reads, carry the moving part:
-    -s_k M_kk (W^2 x_k + 2 zeta W x_k') = s_k (w_k + M_kk x_k''), so what they carry is the second-order response of w_k
+    There is one mode for each of the three translations along and rotations about the sensor's axes. Let w (6,) be the
+    wrench of the rigid tool, M (6, 6) its spatial inertia about the sensor's origin, s_k the share of the tool that
+    moves in mode k, x_k its displacement. Spring and damper of a mode, whose force the sensor reads, carry this part:
+    -s_k M_kk (W^2 x_k + 2 zeta W x_k') = s_k (w_k + M_kk x_k''), so their force is the second-order response of w_k
     (``rung``), M_kk x_k'' = rung(w_k) - w_k whatever the share, and the accelerations of all modes together change the
-    reading by M s x''. That one mode shakes another is left out.
+    reading by M s x''. Coupling between modes is neglected.
 
-    Sagging moves the place c at which the force F acts: w has the torque (x_shift + x_turn x c) x F too. It is small,
-    and three rounds of substitution settle it; in it, the damper's share of x is left out.
+    Sagging moves the point c at which the force F acts, which adds the torque (x_shift + x_turn x c) x F to w. It is
+    small, so three rounds of substitution converge; the damper's contribution to x is neglected here.
     """
     theta, share = signals.model.theta, values["share"]
     M = spatial_inertia(theta)
@@ -48,16 +48,16 @@ def _about_xy(model: Model) -> Array:
 
 
 _SPRINGS = Coordinate(INVERSE, lower=3.5, upper=1e3)
-"""Hz; springs that are softer give way by 2 cm under the tool's weight: what swings more slowly hangs, or is a liquid.
-A tool that rings faster is rigid, and unlike at infinite frequency derivatives are finite."""
+"""Hz; softer springs would sag by 2 cm under the tool's weight, so a slower oscillation is a hanging part or a liquid.
+A tool that rings faster than the upper bound is rigid; there, unlike at infinite frequency, derivatives are finite."""
 _DAMPING = Coordinate(LOGARITHM, scale=1.0, lower=1e-3, upper=0.25)
-"""Shares of critical damping: what swings less than a fourth of it allows is no tool on springs."""
+"""Share of critical damping; with more than a quarter of it a part rings too little to be a tool on springs."""
 _FREE = Coordinate(scale=1.0, zero=0.0)
-"""Of a rigid tool nothing moves, whatever the shares: a fit need not begin at the neutral ones."""
+"""No part of a rigid tool moves, whatever the shares, so a fit need not start at their neutral values."""
 _LINKED = Coordinate(scale=0.03)
-"""m, of a cable's near end."""
+"""m; typical departure of a cable's near end from its neutral place."""
 _FREQUENCIES = tuple(np.geomspace(3.6, 30.0, 12).tolist())
-"""Hz, that a search begins at."""
+"""Hz; initial frequencies of a search."""
 
 FLEXIBILITY = (
     Effect(
@@ -102,7 +102,7 @@ FLEXIBILITY = (
         statement=amount("the tool rings at {value} Hz", "frequency"),
     ),
 )
-"""Acts on the tool's own wrench, before anything else touches the tool."""
+"""Acts on the tool's own wrench, before other forces act on the tool."""
 
 
 def cable(values: EffectValues, signals: Signals, wrench: Array) -> Array:
@@ -115,7 +115,7 @@ def cable(values: EffectValues, signals: Signals, wrench: Array) -> Array:
 
 
 def cable_span(values: EffectValues, signals: Signals) -> Array:
-    """(T, 3) m, sensor frame: from a cable's near end to its far end."""
+    """Vector (T, 3) m, sensor frame, from a cable's near end to its far end."""
     motion = motion_of(signals)
     link = jnp.clip(jnp.round(values["link"]), 0, signals.q.shape[1]).astype(int)
     anchor = jnp.einsum("ijt,j->it", motion.link_rotation[:, :, link], values["anchor"]) + motion.link_position[:, link]
@@ -124,7 +124,7 @@ def cable_span(values: EffectValues, signals: Signals) -> Array:
 
 
 def contact(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """Something touches the tool for a while: half sines of force, fixed in the base frame, at points of the tool."""
+    """Temporary contacts: half sines of force, with directions fixed in the base frame, at points of the tool."""
     start, end = values["start"], values["end"]
     lasting = jnp.where(end > start, end - start, 1)
     phase = (signals.t[:, None] - start[None]) / lasting[None]
@@ -144,7 +144,7 @@ def _center_of_mass(model: Model) -> Array:
 
 
 def _forearm(model: Model) -> Array:
-    """The link that the wrist, the last three joints, is attached to; the world if there are no joints."""
+    """Link to which the wrist, the last three joints, is attached; the world if there are no joints."""
     carrier: Arm | FreeBody = model.arm
     if isinstance(carrier, FreeBody):
         return np.zeros((), model.theta.dtype)

@@ -1,7 +1,7 @@
-"""What an entry of the catalogue says about its fit: its coordinates, and which of a few searches finds it.
+"""Description of how a catalogue entry is fitted: its coordinates, and which of a few searches finds it.
 
-A diagnosis reads only this; no effect is known to it by name. Searches speak of an effect's parameters by role, so an
-entry says which of its parameters plays which.
+A diagnosis reads only this description and knows no effect by name. Searches refer to an effect's parameters by role,
+so an entry states which of its parameters has which role.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ LINEAR, LOGARITHM, INVERSE = "linear", "logarithm", "inverse"
 
 
 class Coordinate(NamedTuple):
-    """How a fit moves a parameter, where that does not follow from its neutral value, its scale and its bounds."""
+    """Coordinate in which a parameter is fitted, where its neutral value, scale and bounds do not define it."""
 
     transformation: str = LINEAR
     """``linear``: zero + scale z; ``logarithm``: zero exp(z); ``inverse``: scale / z."""
@@ -22,66 +22,66 @@ class Coordinate(NamedTuple):
     zero: float | None = None
     """Value at coordinate 0; None = the neutral one."""
     lower: float | None = None
-    """Least value that is plausible; None = the parameter's bound."""
+    """Smallest plausible value; None = the parameter's bound."""
     upper: float | None = None
 
 
 class Linear(NamedTuple):
-    """Smooth at zero: one linearisation at neutral tells all about it."""
+    """Effect that is smooth at zero, so that one linearisation at its neutral values describes it fully."""
 
     variants: tuple[tuple[tuple[str, float], ...], ...] = ((),)
-    """(parameter, value) pairs that are held; each variant is a hypothesis."""
+    """(parameter, value) pairs that are held fixed; each variant is a hypothesis."""
 
 
 class ByJoint(NamedTuple):
-    """Smooth at zero, an offset of one joint: each joint is a hypothesis.
+    """Offset of one joint, smooth at zero; each joint is a hypothesis.
 
-    The effect must take arrays (n,) of joints and offsets, too, and do nothing but move joints: how the arm then moves
-    is worked out once and not with every reading.
+    The effect must also accept arrays (n,) of joints and offsets, and do nothing but move joints, because the resulting
+    motion of the arm is computed once and not with every reading.
     """
 
     number: str
-    """Parameter that says which joint, from 1."""
+    """Parameter that holds the number of the joint, from 1."""
     offset: str
 
 
 class Entries(NamedTuple):
-    """Smooth at zero, a matrix (6, 6) a few of whose entries are found; then all of it is told, as its posterior."""
+    """Matrix (6, 6), smooth at zero: a few entries are found first, then the posterior of all entries is reported."""
 
     matrix: str
 
 
 class Grid(NamedTuple):
-    """Fits from several starts: all combinations of ``Parameter.starts``."""
+    """Fits from multiple starts: all combinations of ``Parameter.starts``."""
 
     per_load: bool = False
-    """The starts are shares of the load's range, channel by channel, and channels are ranked one by one."""
+    """Whether the starts are shares of each channel's load range, and channels are ranked separately."""
 
 
 class Settling(NamedTuple):
-    """A slow series, linear in its strength: its time constant is searched among ``Parameter.starts`` and refined."""
+    """Slow series, linear in its strength; its time constant is searched among ``Parameter.starts`` and refined."""
 
     time: str
-    """Parameter, s; where 0 is among its starts, the series without a lag is not refined."""
+    """Parameter with the time constant, s; if 0 is among its starts, the series without a lag is not refined."""
     longest: float
-    """Share of the log's length that the time constant may be; a longer one is no different from a straight line."""
+    """Longest time constant as a share of the log's length; a longer one is indistinguishable from a straight line."""
     shortest: float = 0.0
-    """The same; a shorter one is over before it is seen."""
+    """Shortest time constant as a share of the log's length; a shorter transient ends before it can be observed."""
     by_log: bool = False
-    """Each log may have one of its own, too."""
+    """Whether each log may also have a series of its own."""
     least_range: float = 0.0
-    """Of the series; one that moves less says nothing."""
+    """Minimum range of the series; one that varies less is not informative."""
 
 
 class Step(NamedTuple):
-    """A series that begins at some time and stays, suddenly or along a ramp, linear in its strength."""
+    """Step at an unknown time, sudden or along a ramp, that persists and is linear in its strength."""
 
     time: str
     ramp: str
 
 
 class Touches(NamedTuple):
-    """Events of any shape in time, each with a wrench of its own; they tell the force at their peak, in base axes."""
+    """Events of any shape in time, each with its own wrench; their force at the peak, in base axes, is reported."""
 
     start: str
     end: str
@@ -89,7 +89,7 @@ class Touches(NamedTuple):
 
 
 class Pull(NamedTuple):
-    """An elastic pull of the tool towards a point of a link or of the world: anchors at random, the best are fitted."""
+    """Elastic pull of the tool towards a point of a link or the world; of many random anchors the best are fitted."""
 
     span: Callable[[dict[str, Array], Any], Array]
     """(values, signals) -> (T, 3) m, sensor frame, from the near to the far end; affine in the anchor."""
@@ -101,7 +101,7 @@ class Pull(NamedTuple):
 
 
 class Ringing(NamedTuple):
-    """A tool that swings at one frequency: in the usual way, or in those of six ways that matter."""
+    """Tool that oscillates at one frequency, in the modes that are neutral or in those of six modes that matter."""
 
     frequency: str = "frequency"
     damping_ratio: str = "damping_ratio"
@@ -110,34 +110,34 @@ class Ringing(NamedTuple):
 
 
 class Starts(NamedTuple):
-    """By what the parameters say of themselves: strengths linearised at each combination of the others' starts.
+    """Generic search defined by the parameters: strengths are linearised at each combination of the others' starts.
 
-    A searched time that may be 0 and may be as late as the end of the log is tried all along it.
+    A searched time whose bounds include 0 and the end of the log is tried all along the log.
     """
 
 
 class Samples(NamedTuple):
-    """Read off single samples, before anything is averaged."""
+    """Effect that is found in single samples, before anything is averaged."""
 
     sign: str
-    """What they show: one of ``SIGNS``."""
+    """Signature that the samples show: one of ``SIGNS``."""
     first: bool = False
-    """Told before what explains the mean reading, because that may be its consequence."""
+    """Whether it is reported before effects on the mean reading, because these may be its consequence."""
 
 
 LEVEL, SPIKES, LATTICE, FLAT_TOPS = "level", "spikes", "lattice", "flat_tops"
 LOST, JITTER, GROWTH = "lost", "jitter", "growth"
 SIGNS = (LEVEL, SPIKES, LATTICE, FLAT_TOPS, LOST, JITTER, GROWTH)
-"""The size of the white noise; samples far off; multiples of a step; one extreme value; lost or repeated samples;
-scatter along the rate of the wrench; noise that grows with the speed of the joints."""
+"""Signatures, in this order: level of the white noise; outliers; multiples of a step; one extreme value; lost or
+repeated samples; scatter in proportion to the rate of the wrench; noise that grows with the speed of the joints."""
 
 Search: TypeAlias = Linear | ByJoint | Entries | Grid | Settling | Step | Touches | Pull | Ringing | Starts | Samples
 SMOOTH = (Linear, ByJoint, Entries)
-"""Searches of effects that the derivative at zero strength tells all about."""
+"""Searches of effects that their derivative at zero strength describes fully."""
 BY_COORDINATES = (*SMOOTH, Grid, Pull, Ringing, Starts)
 """Searches of effects that are fitted in coordinates, within the model of the mean reading."""
 SUDDEN = (Step, Touches)
-"""Searches of effects that gain in few blocks of a log."""
+"""Searches of effects whose gain in log-likelihood comes from few blocks of a log."""
 
 
 class Fitting(NamedTuple):
@@ -145,17 +145,17 @@ class Fitting(NamedTuple):
 
     search: Search = Starts()
     form_error: float | None = None
-    """Share of a parameter's departure from neutral that a real effect's form may put into it; None = as of most."""
+    """Relative error of a parameter's departure from neutral because a real effect has another form; None = default."""
     credit: float = 1.0
-    """Share of its gain that counts when effects are ranked: under 1, if a structured explanation that is nearly as
-    good comes first."""
+    """Share of its gain that counts when effects are ranked: below 1 if a more structured explanation that is nearly as
+    good is preferred."""
     extends: str = ""
-    """Effect that it is a more general form of: it must earn what it has more, or that one stands for both."""
+    """Effect that this one generalises; that one is kept unless the further parameters of this one are worth it."""
     any_shape: bool = False
-    """It can take nearly any shape, so that terms compete with it even where it explains a log."""
+    """Whether it can take nearly any shape, so that terms compete with it even where it explains a log."""
     told: Callable[[dict[str, Array], Any], dict[str, Array]] | None = None
-    """(values, model) -> values that say the same in the usual form."""
+    """(values, model) -> equivalent values in the usual form."""
     possible: Callable[[dict[str, Any], dict[str, Any]], bool] | None = None
-    """(values, standard errors) -> whether anything that exists may have them; None = there always may."""
+    """(values, standard errors) -> whether they are physically possible; None = always."""
     unmeasured: Callable[[Any], bool] | None = None
-    """Setup -> whether a drafted one leaves open what this changes; None = a draft has it from the log, or knows it."""
+    """Setup -> whether a draft leaves the changed quantity open; None = a draft has it from the log, or knows it."""

@@ -1,4 +1,4 @@
-"""Effects of the kinematics stage: gravity, mounting or joint angles are not what the setup and the encoders say."""
+"""Effects of the kinematics stage: gravity, mounting or joint angles differ from the setup and the encoders."""
 
 from functools import partial
 
@@ -13,7 +13,7 @@ from ftbias_jax.types import Array
 
 
 def gravity_tilt(values: EffectValues, signals: Signals) -> Signals:
-    """Gravity in another direction of the base frame; its size stays, whatever the length of the parameter."""
+    """Gravity with another direction in the base frame; its magnitude stays, whatever the length of the parameter."""
     model = signals.model
     direction = values["gravity"]
     size = jnp.sqrt((model.gravity @ model.gravity) / (direction @ direction))
@@ -21,7 +21,7 @@ def gravity_tilt(values: EffectValues, signals: Signals) -> Signals:
 
 
 def encoder_offset(values: EffectValues, signals: Signals) -> Signals:
-    """One encoder reads too much by the offset: recorded angle = true angle + offset; several if both are arrays."""
+    """One encoder reads too high by the offset: recorded angle = true angle + offset; several if both are arrays."""
     own = jnp.arange(1, signals.q.shape[1] + 1) == jnp.round(values["joint"])
     return subtract_offsets(jnp.where(own, values["offset"], 0), signals)
 
@@ -32,7 +32,7 @@ def subtract_offsets(offsets: Array, signals: Signals) -> Signals:
 
 
 def mount_translation(values: EffectValues, signals: Signals) -> Signals:
-    """The sensor's origin is off the nominal one by d, sensor axes, and the tool with it."""
+    """The sensor's origin, and the tool with it, is displaced from the nominal one by d, sensor axes."""
     arm, moving, d = signals.model.arm, motion_of(signals), values["translation"]
     arm = arm._replace(zero_position=arm.zero_position + arm.zero_rotation @ d)
     lever = jnp.einsum("ijt,j->it", moving.sensor_rotation, d)
@@ -49,12 +49,12 @@ def mount_translation(values: EffectValues, signals: Signals) -> Signals:
 
 
 def mount_rotation(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """The sensor's axes are the nominal ones turned by the rotation vector r: reading = exp([r])^T W."""
+    """The sensor's axes are the nominal ones rotated by the rotation vector r: reading = exp([r])^T W."""
     return (wrench.reshape(-1, 2, 3) @ rotation_from_vector(values["rotation"])).reshape(-1, 6)
 
 
 def tool_turns(values: EffectValues, signals: Signals) -> Signals:
-    """The tool as it is in the nominal axes: the stated one if it stays, turned by r if it is bolted to the sensor."""
+    """The tool in the nominal axes: as stated if it stays, rotated by r if it is bolted to the sensor."""
     rotation, model = rotation_from_vector(values["tool_turns"] * values["rotation"]), signals.model
     return signals._replace(model=model._replace(theta=turned(model.theta, rotation)))
 
@@ -125,7 +125,7 @@ EFFECTS = (
         "the sensor's origin is not where the setup says",
         "measure where the sensor sits on the flange and correct sensor.translation in the setup",
         transform=mount_translation,
-        # Arms that turn the sensor swing it as well: what is not recorded of that reads as another place.
+        # An arm that rotates the sensor also accelerates it; if that is not recorded, it appears as another origin.
         needs_motion="acceleration",
         fit=Fitting(Linear(), unmeasured=lambda setup: not setup.sensor.translation.any()),
         twins=(

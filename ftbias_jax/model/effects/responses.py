@@ -1,6 +1,6 @@
-"""Responses with memory, exact for a signal that is a straight line between its samples, at any sample times.
+"""Dynamic responses, exact for a signal that is linear between its samples, at any sample times.
 
-Stamps increase; a log may end in repeated ones (padding). Each function returns its signal at zero strength.
+Stamps increase; a log may end in repeated ones (padding). At zero strength each function returns its input signal.
 """
 
 from typing import Any
@@ -14,16 +14,16 @@ from ftbias_jax.types import Array
 
 FIRST, SECOND = 1, 2
 BUTTERWORTH = 0.5**0.5
-"""Damping ratio of the filter of the second order whose pass band is as flat as can be."""
+"""Damping ratio of the second-order filter whose pass band is maximally flat."""
 
 
 def lagged(t: Array, signal: Array, cutoff: Array, order: Array | int = FIRST) -> Array:
-    """Low-pass of a signal (T, k) at t (T,) s, settled at the first sample; a cutoff of inf Hz passes all.
+    """Low-pass of a signal (T, k) at t (T,) s, settled at the first sample; a cutoff of inf Hz passes everything.
 
-    Of the first order, with u the input and tau = 1 / (2 pi cutoff), the lag e = y - u obeys e' = -e / tau - u', so
-    over a step of x = dt / tau: e <- exp(-x) e - (u_new - u_old) (1 - exp(-x)) / x. Of the second order, Butterworth's
-    w^2 / (s^2 + 2 zeta w s + w^2) with w = 2 pi cutoff: behind an input of slope v it settles at u - 2 zeta v / w, and
-    around that it rings like ``rung``, displaced by every change of the slope.
+    First order, with input u and tau = 1 / (2 pi cutoff): the lag e = y - u obeys e' = -e / tau - u', so over a step of
+    x = dt / tau: e <- exp(-x) e - (u_new - u_old) (1 - exp(-x)) / x. Second order, the Butterworth filter
+    w^2 / (s^2 + 2 zeta w s + w^2) with w = 2 pi cutoff: for an input of slope v the output settles at u - 2 zeta v / w
+    and rings around it like ``rung``, displaced by every change of the slope.
     """
     decay, passed = lag_factors(jnp.diff(t, prepend=t[:1]), cutoff)
     step = jnp.diff(signal, axis=0, prepend=signal[:1])
@@ -49,7 +49,7 @@ def lag_factors(dt: Array, cutoff: Array) -> tuple[Array, Array]:
 
 @compile_whole
 def _lag(decay: Array, kick: Array) -> Array:
-    """Decay (T,) by the sample before, and what a sample adds (T, k) -> (T, k)."""
+    """First-order recursion: decay (T,) since the previous sample, and input (T, k) of each sample -> (T, k)."""
 
     def body(lag: Array, inputs: tuple[Array, Array]) -> tuple[Array, Array]:
         decay, kick = inputs
@@ -60,35 +60,35 @@ def _lag(decay: Array, kick: Array) -> Array:
 
 
 def rung(t: Array, signal: Array, frequency: Array, damping_ratio: Array) -> Array:
-    """Response (2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2) of a signal (T, k): what comes through spring and damper.
+    """Response (2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2) of a signal (T, k) transmitted by spring and damper.
 
-    The deviation e = y - u obeys e'' + 2 zeta w e' + w^2 e = -u'': between samples it rings freely, at a sample its
-    rate falls by the change of the input's slope. It is at rest until the first change. The frequency, undamped, is
+    The deviation e = y - u obeys e'' + 2 zeta w e' + w^2 e = -u'': between samples it oscillates freely, at a sample
+    its rate drops by the change of the input's slope. It is at rest until the first change. The undamped frequency is
     in Hz, and inf passes everything; the damping ratio is from 0 to below 1.
     """
     slope = _slopes(t, signal)
     rigid, w, cosine, sine = _swing_factors(jnp.diff(t), frequency, damping_ratio)
-    # The kick at the start of an interval; none at the first one, whose slope is taken to have been there before.
+    # A kick acts at the start of each interval but the first, whose slope is assumed to have existed before.
     kick = -jnp.diff(slope, axis=0, prepend=slope[:1])
     deviation = _ring(w, damping_ratio, jnp.zeros_like(w), cosine, sine, kick)
     return signal + jnp.where(rigid, 0, jnp.concatenate([jnp.zeros_like(signal[:1]), deviation]))
 
 
 def _slopes(t: Array, signal: Array) -> Array:
-    """(T - 1, k) between the samples of a signal (T, k); 0 between repeated stamps."""
+    """Slopes (T - 1, k) between the samples of a signal (T, k); 0 between repeated stamps."""
     dt = jnp.diff(t)
     return jnp.diff(signal, axis=0) / jnp.where(dt > 0, dt, jnp.inf)[:, None]
 
 
 def _swing_factors(dt: Array, frequency: Array, damping_ratio: Any) -> tuple[Array, Array, Array, Array]:
-    """Whether a frequency, Hz, is infinite; it in rad/s (else 1); ``swing_factors``."""
+    """Whether a frequency in Hz is infinite; the frequency in rad/s, of 1 Hz if so; and ``swing_factors``."""
     rigid = ~jnp.isfinite(frequency)
     w = 2 * jnp.pi * jnp.where(rigid, 1, frequency)
     return rigid, w, *swing_factors(dt, w, damping_ratio)
 
 
 def swing_factors(dt: Array, w: Array, damping_ratio: Any) -> tuple[Array, Array]:
-    """What steps dt (...,) s leave of a deviation and make of its rate, s: ``swing_on``; NumPy or JAX."""
+    """Damped cosine, and damped sine per damped frequency, s, over steps dt (...,) s for ``swing_on``; NumPy or JAX."""
     xp, damped = dt.__array_namespace__(), w * (1 - damping_ratio**2) ** 0.5
     envelope = xp.exp(-damping_ratio * w * dt)
     return envelope * xp.cos(damped * dt), envelope * xp.sin(damped * dt) / damped
@@ -97,7 +97,7 @@ def swing_factors(dt: Array, w: Array, damping_ratio: Any) -> tuple[Array, Array
 def swing_on(
     deviation: Array, rate: Array, w: Array, damping_ratio: Any, cosine: Array, sine: Array
 ) -> tuple[Array, Array]:
-    """Deviation and rate a step later, of what swings freely with w rad/s."""
+    """Deviation and rate of a free damped oscillation one step later; w is the undamped frequency, rad/s."""
     return (
         cosine * deviation + sine * (rate + damping_ratio * w * deviation),
         cosine * rate - sine * (w**2 * deviation + damping_ratio * w * rate),
@@ -108,7 +108,7 @@ def swing_on(
 def _ring(w: Array, damping_ratio: Any, behind: Array, cosine: Array, sine: Array, kick: Array) -> Array:
     """Deviation (T, k) at the end of every interval, for kicks (T, k) at their starts; cosine, sine (T,).
 
-    A kick changes the rate, and displaces by ``behind`` () s times its opposite.
+    A kick is added to the rate, and ``behind`` () s times it is subtracted from the deviation.
     """
 
     def body(state: tuple[Array, Array], inputs: tuple[Array, ...]) -> tuple[tuple[Array, Array], Array]:
@@ -122,9 +122,9 @@ def _ring(w: Array, damping_ratio: Any, behind: Array, cosine: Array, sine: Arra
 
 @compile_whole
 def played(signal: Array, width: Array) -> Array:
-    """Play operator: the output follows a signal (T, k) that has crossed a gap of the given width (k,).
+    """Play (backlash) operator: the output follows a signal (T, k) once that has crossed a gap of width (k,).
 
-    It starts in the middle of the gap.
+    The signal starts in the middle of the gap.
     """
 
     def body(output: Array, value: Array) -> tuple[Array, Array]:
@@ -140,7 +140,7 @@ def play(output: Array, value: Array, width: Array) -> Array:
 
 
 def delayed(t: Array, signal: Array, delay: Array) -> Array:
-    """The signal (T, k) at t - delay, () or (T,) s, by straight lines; outside the log its first or last value."""
+    """Signal (T, k) at t - delay, () or (T,) s, by linear interpolation; outside the log its first or last value."""
     when = t - delay
     before = jnp.clip(jnp.searchsorted(t, when, side="right") - 1, 0, t.shape[0] - 2)
     length = t[before + 1] - t[before]
@@ -149,12 +149,12 @@ def delayed(t: Array, signal: Array, delay: Array) -> Array:
 
 
 def swing_forgets(frequency: Array, damping_ratio: Array) -> Array:
-    """() s, time constant with which a swing of so many Hz, undamped, with this damping ratio dies down."""
+    """Time constant () s with which an oscillation of this undamped frequency, Hz, and damping ratio decays."""
     return 1 / (2 * np.pi * frequency * damping_ratio)
 
 
 def recurrence(xp: Any, decay: Array, kick: Array) -> Array:
-    """y_k = decay_k y_(k-1) + kick_k from y_(-1) = 0, by log2(T) passes; decay (T, 1) may be complex, kick (T, k)."""
+    """y_k = decay_k y_(k-1) + kick_k from y_(-1) = 0, in log2(T) passes; decay (T, 1) may be complex, kick (T, k)."""
     step, length = 1, kick.shape[0]
     while step < length:
         kick = xp.concatenate([kick[:step], kick[step:] + decay[step:] * kick[:-step]])
@@ -164,23 +164,23 @@ def recurrence(xp: Any, decay: Array, kick: Array) -> Array:
 
 
 def low_passed(xp: Any, t: Array, signal: Array, time_constant: Array) -> Array:
-    """First-order lag of a signal (T, k) by a time constant () s, at its first value before each log."""
+    """First-order lag of a signal (T, k) with a time constant () s, settled at the first value before each log."""
     dt = xp.diff(t, prepend=t[:1])[:, None]
     decay = xp.where(dt < 0, 0.0, xp.exp(-xp.abs(dt) / xp.maximum(time_constant, 1e-6)))
     return signal[:1] + recurrence(xp, decay, (1 - decay) * (signal - signal[:1]))
 
 
 def swing(xp: Any, t: Array, signal: Array, frequency: Array, damping_ratio: Array) -> Array:
-    """Deviation y - u of a mass on spring and damper that the signal u (T, k) carries, at rest before each log.
+    """Deviation y - u of a mass on spring and damper that is driven by the signal u (T, k), at rest before each log.
 
-    The deviation e obeys e'' + 2 zeta w e' + w^2 e = -u''. With u'' as kicks between straight pieces, it is the
-    imaginary part of one complex recurrence. The frequency, undamped, is in Hz, the damping ratio from 0 to below 1.
+    The deviation e obeys e'' + 2 zeta w e' + w^2 e = -u''. With u piecewise linear, u'' is a series of kicks and e the
+    imaginary part of one complex recurrence. The undamped frequency is in Hz, the damping ratio from 0 to below 1.
     """
     w = 2 * xp.pi * frequency
     damped = w * xp.sqrt(1 - damping_ratio**2)
     dt = xp.diff(t)[:, None]
     slope = xp.diff(signal, axis=0) / xp.where(dt > 0, dt, xp.inf)
-    begins = dt < 0  # another log, of which neither the swing nor the slope goes on
+    begins = dt < 0  # Another log begins, into which neither the oscillation nor the slope continues.
     kick = xp.diff(slope, axis=0, prepend=slope[:1])
     kick = xp.where(begins | xp.concatenate([begins[:1] & False, begins[:-1]]), 0.0, kick)
     rotation = xp.where(begins, 0.0, xp.exp((-damping_ratio * w + 1j * damped) * xp.abs(dt)))

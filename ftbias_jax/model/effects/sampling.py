@@ -1,4 +1,4 @@
-"""Effects on single samples: stamps that jitter, noise, range, lattice, spikes, and samples lost or repeated."""
+"""Effects on single samples: stamp jitter, noise, saturation, quantisation, outliers, and lost or repeated samples."""
 
 import jax
 import jax.numpy as jnp
@@ -28,7 +28,7 @@ def noise_level(values: EffectValues, key: Array, record: Record) -> Record:
 
 
 def vibration(values: EffectValues, key: Array, record: Record) -> Record:
-    """White noise whose variance is a sum over the speeds of the motion, beside the noise at rest."""
+    """White noise added to the noise at rest, with a variance that is a sum over the speeds of the motion."""
     if record.dq is None:
         return record
     shaking = jnp.sqrt(shaken(values, record.dq)) * jax.random.normal(key, record.wrench.shape, record.wrench.dtype)
@@ -36,24 +36,24 @@ def vibration(values: EffectValues, key: Array, record: Record) -> Record:
 
 
 def shaken(values: EffectValues, dq: Array) -> Array:
-    """(T, 6) N^2, Nm^2 that vibration adds at the speeds (T, s) rad/s of ``speeds_of``, NumPy or JAX."""
+    """Variance (T, 6) N^2, Nm^2 that vibration adds at the speeds (T, s) rad/s of ``speeds_of``, NumPy or JAX."""
     rows = dq.__array_namespace__().broadcast_to(values["variance"], (dq.shape[1], 6))
     return MotionNoise(rows, values["speed"]).variance(dq)
 
 
 def saturation(values: EffectValues, key: Array, record: Record) -> Record:
-    """Readings, bias included, stop at a limit of either sign."""
+    """Readings, bias included, are clipped at a limit of either sign."""
     return record._replace(wrench=record.wrench.clip(-values["limits"][None], values["limits"][None]))
 
 
 def screen_saturated(values: EffectValues, wrench: Array) -> Array:
-    """A reading at its limit says only that the wrench is larger."""
-    margin = 1 - 8 * np.finfo(wrench.dtype).eps  # limits may have been rounded to the log's precision
+    """Mask readings at their limit, which only show that the wrench is larger."""
+    margin = 1 - 8 * np.finfo(wrench.dtype).eps  # Limits may have been rounded to the log's precision.
     return jnp.where(jnp.abs(wrench) >= margin * values["limits"][None], jnp.nan, wrench)
 
 
 def quantisation(values: EffectValues, key: Array, record: Record) -> Record:
-    """Readings are multiples of a step; a step of 0 leaves a channel alone."""
+    """Readings are multiples of a step; a step of 0 leaves a channel unchanged."""
     step, xp = values["step"][None], record.wrench.__array_namespace__()
     safe = xp.where(step > 0, step, 1)
     return record._replace(wrench=xp.where(step > 0, safe * xp.round(record.wrench / safe), record.wrench))
@@ -68,13 +68,13 @@ def outliers(values: EffectValues, key: Array, record: Record) -> Record:
 
 
 def screen_outliers(values: EffectValues, wrench: Array) -> Array:
-    """A sample that is off both neighbours by more than half a spike, to the same side, in any channel with spikes."""
+    """Mask samples that are off both neighbours by over half a spike, to the same side, in any channel with spikes."""
     before, after = wrench[:-2], wrench[2:]
     low, high = jnp.minimum(before, after), jnp.maximum(before, after)
     outside = jnp.maximum(low - wrench[1:-1], wrench[1:-1] - high)
     size = values["size"][None]
     spike = ((outside > size / 2) & (size > 0)).any(1) & (values["rate"] > 0)
-    spike = jnp.pad(spike, 1)  # the ends have one neighbour and are trusted
+    spike = jnp.pad(spike, 1)  # The first and last sample have one neighbour only and are kept.
     return jnp.where(spike[:, None], jnp.nan, wrench)
 
 
@@ -89,7 +89,7 @@ def dropped_samples(values: EffectValues, key: Array, record: Record) -> Record:
 
 
 def screen_repeats(values: EffectValues, wrench: Array) -> Array:
-    """With noise no two samples agree in all channels, so one that does is a repetition."""
+    """Mask samples that equal the previous one in all channels; with noise only a repeated sample does."""
     same = (wrench[1:] == wrench[:-1]).all(1) & (values["rate"] > 0)
     return jnp.where(jnp.pad(same, (1, 0))[:, None], jnp.nan, wrench)
 
@@ -183,7 +183,7 @@ EFFECTS = (
         "log more digits, or choose a smaller range in the sensor's settings",
         recording=quantisation,
         fit=Fitting(Samples(LATTICE)),
-        widen=lambda values, variance, rate: variance + values["step"][None] ** 2 / 12,  # uniform over a step
+        widen=lambda values, variance, rate: variance + values["step"][None] ** 2 / 12,  # The error is uniform.
         statement=channels("readings of {channel} come in steps of {value}", "step", exact=True),
     ),
     Effect(

@@ -1,4 +1,4 @@
-"""Effects of the sensor stage that change its mean reading: gains, leaks between channels, hysteresis, lag."""
+"""Effects of the sensor stage that change its mean reading: gain, crosstalk, hysteresis, lag and delay."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,17 +15,17 @@ _LEVER = np.where(np.arange(6) < 3, 1.0, 0.1)
 _LEAK = _LEVER[:, None] / _LEVER[None, :]
 
 _DELAYS = (0.0, 0.05, 0.12, 0.25, 0.45)
-"""s; drivers report up to half a second."""
+"""s; initial delays of a search, because drivers report up to half a second."""
 _RATES, _OFFSETS = (-4000.0, -1500.0, -500.0, 500.0, 1500.0, 4000.0), (0.0, 0.12, 0.3)
-"""ppm; s at the start of the log, as of delays."""
+"""Initial values of a search: ppm; and s at the start of the log, chosen as for delays."""
 _CUTOFFS = tuple(1 / (2 * np.pi * lag) for lag in (0.008, 0.02, 0.04, 0.08, 0.16, 0.32))
-"""Hz, of filters with these time constants, s."""
+"""Hz; initial cutoffs of a search, of filters with these time constants, s."""
 _PASSED = Coordinate(INVERSE, upper=1.6e3)
-"""Hz; a filter with this cutoff does nothing to a log in bins."""
+"""Hz; a filter with the upper cutoff has no effect on a log in bins."""
 _ENTRY = 10 * _OFF_DIAGONAL * _LEAK
-"""The largest leak between two channels."""
+"""Largest crosstalk between two channels."""
 _LOOPS = (0.01, 0.03, 0.08, 0.2)
-"""Widths of loops as shares of the load's range."""
+"""Initial widths of hysteresis loops as shares of the load's range."""
 
 
 def gain(values: EffectValues, signals: Signals, wrench: Array) -> Array:
@@ -34,7 +34,7 @@ def gain(values: EffectValues, signals: Signals, wrench: Array) -> Array:
 
 
 def crosstalk(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """A channel reads a part of the others: reading = M W; the diagonal of M counts as ones, the rest is ``gain``."""
+    """A channel reads a part of the others: reading = M W, with ones as the diagonal of M, which ``gain`` describes."""
     matrix = values["matrix"]
     leak = matrix * _OFF_DIAGONAL.astype(matrix.dtype)
     return wrench + wrench @ leak.T
@@ -46,17 +46,17 @@ def hysteresis(values: EffectValues, signals: Signals, wrench: Array) -> Array:
 
 
 def low_pass(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """Low-pass of every channel, of the first order or Butterworth's of the second."""
+    """Low-pass of every channel, first-order or second-order Butterworth."""
     return lagged(signals.t, wrench, values["cutoff"], values["order"])
 
 
 def time_delay(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """The sample with stamp t shows the wrench of t - delay."""
+    """The sample with stamp t has the wrench of t - delay."""
     return delayed(signals.t, wrench, values["delay"])
 
 
 def clock_drift(values: EffectValues, signals: Signals, wrench: Array) -> Array:
-    """The wrench's clock runs fast by so many ppm: the wrench is older than its stamp, the more the later it is."""
+    """The wrench's clock runs fast by ``rate`` ppm, so the wrench is older than its stamp by an age that grows."""
     return delayed(signals.t, wrench, values["offset"] + 1e-6 * values["rate"] * signals.t)
 
 

@@ -1,6 +1,6 @@
-"""What an effect says in one sentence when it was found: a quantity, its unit, and what the setup states instead.
+"""One-sentence statements about effects that were found: a quantity, its unit, and what the setup states instead.
 
-A statement is a function of the estimates of an effect's parameters. Entries of the catalogue take one of these forms.
+A statement is a function of the estimates of an effect's parameters. Entries of the catalogue use one of these forms.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -11,20 +11,20 @@ import numpy as np
 from ftbias_jax.types import AXES, AXIS_UNITS, Array
 
 USUAL = np.repeat([1.0, 0.04], 3)
-"""N, Nm: forces and torques that weigh alike."""
+"""N, Nm: forces and torques that count as equally large when channels are compared."""
 SURE = 3.0
-"""Standard errors from which on a channel is mentioned, and within which channels are called equal."""
+"""Number of standard errors above which a channel is mentioned, and within which channels count as equal."""
 PERCENT, DEGREES = 100.0, 180 / np.pi
 
 
 class Estimate(NamedTuple):
-    """One parameter; arrays of the parameter's shape."""
+    """Estimate of one parameter; arrays of the parameter's shape."""
 
     value: Array
     stderr: Array
-    """NaN = not known."""
+    """Standard error; NaN = unknown."""
     nominal: Array
-    """What the setup states, NaN = nothing."""
+    """Value that the setup states; NaN = none."""
 
 
 Estimates = Mapping[str, Estimate]
@@ -32,7 +32,7 @@ Statement = Callable[[Estimates], str]
 
 
 def _form(say: Callable[..., str]) -> Callable[..., Statement]:
-    """A form of statements: what it is given apart from the estimates makes a statement."""
+    """Decorator of a form: called with its arguments apart from the estimates, it returns a statement."""
     return lambda *given, **named: lambda estimates: say(estimates, *given, **named)
 
 
@@ -51,9 +51,9 @@ def value_words(value: float, stderr: float) -> str:
 def amount(
     estimates: Estimates, words: str, name: str, factor: float = 1.0, signs: tuple[str, str] | None = None
 ) -> str:
-    """A parameter that is one number, times a factor: {value} in the words, {setup} for what the setup states, {sign}.
+    """Scalar parameter times a factor: the words may have {value}, {setup} for what the setup states, and {sign}.
 
-    With signs, words for positive and for negative values, {value} is the size; without, it has its own sign.
+    With ``signs``, words for positive and for negative values, {value} is the magnitude; without, it keeps its sign.
     """
     value, stderr, nominal = (factor * float(np.asarray(x).ravel()[0]) for x in estimates[name])
     setup = f", the setup says {nominal:.4g}" if np.isfinite(nominal) else ""
@@ -65,9 +65,9 @@ def amount(
 def distance(
     estimates: Estimates, words: str, name: str, unit: str, factor: float = 1.0, labels: Sequence[str] = "xyz"
 ) -> str:
-    """How far a vector is from what the setup states, or from zero: {value}, in a unit of the given factor.
+    """Distance of a vector from what the setup states, or from zero: {value}, times a factor to be in the given unit.
 
-    The {axis} is the label of the one along which it departs most.
+    {axis} is the label of the axis along which it departs most.
     """
     value, stderr, nominal = estimates[name]
     away = factor * (value - np.where(np.isfinite(nominal), nominal, 0))
@@ -78,7 +78,7 @@ def distance(
 
 @_form
 def angle(estimates: Estimates, words: str, name: str) -> str:
-    """The angle between a vector and the one that the setup states, in degrees; {value} of the words."""
+    """Angle between a vector and the one that the setup states, in degrees: {value} in the words."""
     value, stderr, nominal = estimates[name]
     between = np.arctan2(np.linalg.norm(np.cross(nominal, value)), nominal @ value)
     error = np.linalg.norm(stderr) / np.sqrt(2) / max(np.linalg.norm(value), 1e-300)
@@ -95,10 +95,10 @@ def channels(
     factor: float = 1.0,
     exact: bool = False,
 ) -> str:
-    """A parameter with a number for each channel: the surest force, or else torque, or all if they are equal.
+    """Parameter with one number per channel: the most significant force, or else torque, or all if they are equal.
 
-    Words may have {value}, {channel}, {verb}, and {sign}: "much" above neutral or "little" below. The unit, of the
-    given factor, may have {unit} = N or Nm; what is exact is read off, without an error to speak of.
+    The words may have {value}, {channel}, {verb}, and {sign}: "much" above neutral or "little" below. ``unit``, to
+    which ``factor`` converts, may have {unit} = N or Nm; ``exact`` values are given without a standard error.
     """
     value, stderr = (np.asarray(x, float).reshape(-1, len(AXES))[-1] for x in estimates[name][:2])
     away = np.where(np.isfinite(value), value - neutral, 0)
@@ -121,7 +121,7 @@ def channels(
 
 @_form
 def leak(estimates: Estimates, words: str, name: str) -> str:
-    """The surest entry beside the diagonal of a matrix (6, 6); {value}, {source} and {target} of the words."""
+    """Most significant off-diagonal entry of a matrix (6, 6): {value}, {source} and {target} in the words."""
     value, stderr = (np.asarray(x, float) for x in estimates[name][:2])
     size = np.abs(value - np.diag(np.diag(value)))
     surest = np.divide(size, stderr, out=np.zeros_like(size), where=stderr > 0)
@@ -136,7 +136,7 @@ def leak(estimates: Estimates, words: str, name: str) -> str:
 
 @_form
 def events(estimates: Estimates, words: str, name: str, start: str) -> str:
-    """Forces (N, 3) that last for a while: the largest, how many, and when the first began."""
+    """Forces (N, 3) of temporary events: the largest, the number of events, and the start of the first."""
     sizes = np.linalg.norm(np.asarray(estimates[name].value, float).reshape(-1, 3), axis=1)
     begins = np.asarray(estimates[start].value, float).ravel()
     times = "once" if len(sizes) == 1 else f"{len(sizes)} times"
@@ -146,13 +146,13 @@ def events(estimates: Estimates, words: str, name: str, start: str) -> str:
 
 @_form
 def growth(estimates: Estimates, words: str, name: str) -> str:
-    """Variance per squared speed (n, 6): the standard deviation at 1 rad/s, of every joint, where it is largest."""
+    """Variance per squared speed (n, 6): largest standard deviation of a channel with all joints at 1 rad/s."""
     total = np.sqrt(np.nansum(np.asarray(estimates[name].value, float).reshape(-1, len(AXES)), 0))
     largest = int(np.argmax(total / USUAL))
     return words.format(value=f"{total[largest]:.2g} {AXIS_UNITS[largest]}", channel=AXES[largest])
 
 
 def _filled(words: str, estimates: Estimates, **own: str) -> str:
-    """The words with the first numbers of the parameters by name, and what a form makes of them."""
+    """The words filled with the first number of each parameter, by name, and with the fields of the form."""
     numbers = {name: float(np.ravel(x.value)[0]) for name, x in estimates.items() if np.size(x.value)}
     return words.format(**{**numbers, **own})

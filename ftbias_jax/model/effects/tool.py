@@ -1,4 +1,4 @@
-"""Effects of the tool stage: the tool is not what the setup says. Data-sheet values replace those of theta."""
+"""Effects of the tool stage: the tool differs from the setup. Data-sheet values replace those of theta."""
 
 from typing import Any
 
@@ -14,12 +14,12 @@ from ftbias_jax.types import Array
 
 _MOMENTS = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 SURE = 2.0
-"""Standard errors below zero at which a moment of inertia is negative."""
+"""Number of standard errors below zero from which on a moment of inertia counts as negative."""
 REMEDY = "weigh or re-measure the tool: ftbias identify"
 
 
 def tool_mass(values: EffectValues, signals: Signals) -> Signals:
-    """Another mass at the same centre, with the same inertia about it."""
+    """Another mass at the same centre of mass, with the same inertia about it."""
     _, center_of_mass, inertia = about_center_of_mass(signals.model.theta)
     return _with_theta(signals, tool_parameters(values["mass"], center_of_mass, inertia))
 
@@ -37,7 +37,7 @@ def tool_inertia(values: EffectValues, signals: Signals) -> Signals:
 
 
 def _of_a_body(values: dict[str, Any], stderr: dict[str, Any]) -> bool:
-    """Whether no principal moment of inertia is surely negative."""
+    """Whether no principal moment of inertia is significantly negative."""
     moments = np.linalg.eigvalsh(inertia_matrix(np.asarray(values["inertia"])))
     return bool(moments[0] > -SURE * np.max(stderr["inertia"]))
 
@@ -105,7 +105,7 @@ EFFECTS = (
         "the tool's inertia is not what the setup says",
         "identify it from fast wrist motion: ftbias identify",
         transform=tool_inertia,
-        # Arms that turn the sensor swing it as well: what is not recorded of that reads as inertia.
+        # An arm that rotates the sensor also accelerates it; if that is not recorded, it appears as inertia.
         needs_motion="acceleration",
         fit=Fitting(Linear(), possible=_of_a_body, unmeasured=lambda setup: True),
         twins=(Twin("tool_flexibility", False, "accelerate the wrist at several frequencies"),),

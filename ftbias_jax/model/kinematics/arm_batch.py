@@ -1,6 +1,6 @@
-"""An arm at many samples at once: ``screws.sensor_motion`` with vectors as lists of entries, arrays over the samples.
+"""Motion of an arm at many samples together: ``screws.sensor_motion`` with vectors as lists of arrays over samples.
 
-A loop over the joints of such arrays is a few vectorised operations, where ``vmap`` would make many 3 x 3 products.
+A loop over the joints takes a few vectorised operations on such arrays, where ``vmap`` would make many 3 x 3 products.
 Everything is in the base frame.
 """
 
@@ -20,33 +20,33 @@ Pose = tuple[Rows, Vector]
 
 
 class Columns(NamedTuple):
-    """Of a Jacobian, of one joint or of all: three entries (C,) or (n, C) each."""
+    """Columns of a Jacobian, of one joint or of all: three entries (C,) or (n, C) each."""
 
     linear: Vector
     angular: Vector
 
 
 class Twist(NamedTuple):
-    """Spatial velocity or acceleration, of the point that passes the origin: three entries (C,) each."""
+    """Spatial velocity or acceleration, of the body point that passes the origin: three entries (C,) each."""
 
     linear: Vector
     angular: Vector
 
 
 class Moving(NamedTuple):
-    """How a link moves."""
+    """Velocity and acceleration of a link."""
 
     velocity: Twist
     acceleration: Twist
 
 
 class ArmMotion(NamedTuple):
-    """How an arm and its sensor move, base frame; T samples."""
+    """Motion of an arm and its sensor at T samples, base frame."""
 
     link_rotation: Float[Array, "3 3 n+1 T"]
-    """(3, 3, n + 1, T) turn of the link before each joint, and of the last link, since all joints were at 0."""
+    """(3, 3, n + 1, T) rotation of the link before each joint, and of the last link, relative to all joints at 0."""
     link_position: Float[Array, "3 n+1 T"]
-    """(3, n + 1, T) m, where the point of that link is that was at the origin when all joints were at 0."""
+    """(3, n + 1, T) m, position of the point of that link that is at the origin with all joints at 0."""
     sensor_rotation: Float[Array, "3 3 T"]
     """(3, 3, T) R_base_sensor."""
     sensor_position: Float[Array, "3 T"]

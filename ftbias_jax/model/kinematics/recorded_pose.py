@@ -1,8 +1,8 @@
 """Kinematics of a sensor whose pose is recorded, instead of the joints of an arm that carries it.
 
-The numbers that the joint filter follows are the four entries of the quaternion and the three of the position, each as
-if it were a joint. A quaternion of any length q = n u stands for the turn of u = q/n, so the filter need not know that
-it has length one, there is no singular orientation, and rates are linear in the rates of the entries:
+The joint filter estimates the four entries of the quaternion and the three of the position, each as if it were a joint.
+A quaternion of any length q = n u represents the rotation of u = q/n, so the filter need not enforce unit length, no
+orientation is singular, and the angular velocity is linear in the rates of the entries:
 
     u' u* = w/2,  vec(q' q*) = n^2 w/2,  vec(q'' q*) = n n' w + n^2 w'/2
 
@@ -42,7 +42,7 @@ def body_motion(body: FreeBody, q: Float[Array, " k"], dq: Float[Array, " k"], d
     """Motion of the sensor from the body's pose and its rates.
 
     The entries q (7,) are the quaternion (w, x, y, z) of the body in the base, of any length but zero, and its position
-    in m; or (4,) without position, whose acceleration is then zero. Columns of the Jacobian belong to them.
+    in m; or (4,) without position, whose acceleration is then zero. The Jacobian has one column per entry.
     """
     n2 = q[:4] @ q[:4]
     w, v = q[0], q[1:4]
@@ -70,7 +70,7 @@ def body_motion(body: FreeBody, q: Float[Array, " k"], dq: Float[Array, " k"], d
 def body_motions(
     body: FreeBody, q: Float[Array, "k T"], dq: Float[Array, "k T"], ddq: Float[Array, "k T"]
 ) -> ArmMotion:
-    """The motion at entries (k, T) as of an arm of one link: link 0 is the world, link 1 the body."""
+    """Motion at pose entries (k, T), represented as an arm of one link: link 0 is the world, link 1 the body."""
     time_last = partial(jax.vmap, in_axes=1, out_axes=-1)
     sensor = time_last(lambda *state: body_motion(body, *state))(q, dq, ddq)
     bare = FreeBody(jnp.zeros_like(body.zero_position), jnp.eye(3, dtype=q.dtype))
@@ -96,21 +96,21 @@ def motions_of(
 
 
 def speeds_of(carrier: Any, rates: Any) -> Any:
-    """(..., s) rad/s by which noise may grow, NumPy or JAX: of each joint, or of the turning of a recorded body.
+    """Speeds (..., s) rad/s with which noise may grow, NumPy or JAX: of each joint, or of a recorded body's rotation.
 
     Args:
         carrier: an Arm or a FreeBody.
-        rates: (..., n) of the joints, or of the entries of a pose, whose quaternion has length one and moves by half of
-            the angle.
+        rates: (..., n) rates of the joints, or of the entries of a pose, whose quaternion has unit length and changes
+            by half of the angle.
     """
     if not isinstance(carrier, FreeBody):
         return rates
-    smallest = np.finfo(rates.dtype).tiny  # the root has no slope at rest
+    smallest = np.finfo(rates.dtype).tiny  # The root is not differentiable at rest.
     return 2 * ((rates[..., :4] ** 2).sum(-1) + smallest)[..., None] ** 0.5
 
 
 class SensorPath(NamedTuple):
-    """The sensor's frame at every sample, in the base frame."""
+    """Pose and motion of the sensor's frame at every sample, in the base frame."""
 
     rotation: Float[Array, "T 3 3"]
     """(T, 3, 3) R_base_sensor."""
@@ -127,7 +127,7 @@ class SensorPath(NamedTuple):
 
 
 def path_of(motion: ArmMotion) -> SensorPath:
-    """Where the sensor is and how it moves, sample by sample."""
+    """Pose and motion of the sensor, sample by sample."""
     vectors = motion.sensor_position, motion.velocity, motion.angular_velocity
     rates = motion.acceleration, motion.angular_acceleration
     return SensorPath(jnp.moveaxis(motion.sensor_rotation, 2, 0), *(vector.T for vector in (*vectors, *rates)))

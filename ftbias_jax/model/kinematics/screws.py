@@ -56,7 +56,7 @@ def rotation_from_vector(vector: Float[Array | np.ndarray, " 3"]) -> Float[Array
     """exp([r]) (3, 3) of a rotation vector (3,) rad; exact value and derivative at zero too.
 
     sin(a)/a and (1 - cos a)/a^2 are functions of a^2, written so that neither they nor their derivatives divide by
-    zero: below 1e-2 rad^2 their series, accurate to 1e-13 there.
+    zero: below 1e-2 rad^2 they are computed by their series, accurate to 1e-13 there.
     """
     a2 = vector @ vector
     small = a2 < 1e-2

@@ -1,9 +1,9 @@
-"""An arm at many samples at once as its sensor sees it: joint by joint from the sensor to the base, in sensor axes.
+"""Motion of an arm at many samples together, in sensor axes: recursion over the joints from the sensor to the base.
 
-Every joint has a frame whose z is its axis, so a turn of the joint mixes two columns of a rotation and leaves the
-third, the joint's column of the Jacobian. From the frame of a joint to that of the one before it there is a fixed
-rotation Rz(a) Rx(b) Rz(c); its turns about z add to the angles of the two joints, so only the one by b is left. That is
-half the arithmetic of a product of exponentials (arm_batch.py), and equal to it to round-off.
+Every joint has a frame whose z axis is the joint's axis, so a rotation of the joint mixes two columns of a rotation
+matrix and leaves the third, the joint's column of the Jacobian. A fixed rotation Rz(a) Rx(b) Rz(c) leads from the frame
+of a joint to that of the previous joint; its rotations about z add to the angles of the two joints, so only that by b
+remains. This takes half the arithmetic of a product of exponentials (arm_batch.py), and equals it to round-off.
 """
 
 from typing import NamedTuple
@@ -20,39 +20,39 @@ from ftbias_jax.runtime.trigonometry import sine_and_versine
 
 
 class Chain(NamedTuple):
-    """What is fixed of an arm; n joints, from the base on."""
+    """Constants of an arm with n joints, ordered from the base."""
 
     turning: Float[Array, " n"]
-    """(n,) 1 for a joint that turns, 0 for one that slides."""
+    """(n,) 1 for a revolute joint, 0 for a prismatic one."""
     slide: Float[Array, " n"]
     """(n,) m along the axis per unit of q."""
     offset: Float[Array, " n"]
     """(n,) rad: the angle at q = 0."""
     tilt: Float[Array, "n 2"]
-    """(n, 2) cosine and sine of b, the angle between the axes of a joint and of the one before it."""
+    """(n, 2) cosine and sine of b, the angle between the axes of a joint and of the previous joint."""
     step: Float[Array, "n 3"]
-    """(n, 3) m from the frame of a joint to that of the one before it, in the axes of the latter."""
+    """(n, 3) m from the frame of a joint to that of the previous joint, in the axes of the latter."""
     last_axes: Float[Array, "3 3"]
-    """(3, 3) x, y and z of the last joint's frame, one a row, sensor axes."""
+    """(3, 3) x, y and z axes of the last joint's frame, one per row, sensor axes."""
     last_position: Float[Array, " 3"]
-    """(3,) m, its origin as seen from the sensor."""
+    """(3,) m, origin of the last joint's frame relative to the sensor, sensor axes."""
     base: Float[Array, "3 3"]
-    """(3, 3) axes of the base as seen from the frame that is left before the first joint."""
+    """(3, 3) axes of the base in the frame that remains before the first joint."""
 
 
 class Walk(NamedTuple):
-    """Where a walk from the sensor to the base stands, sensor axes; entries (C,)."""
+    """State of the recursion from the sensor to the base, sensor axes; entries (C,)."""
 
     axes: Rows
-    """x, y and z of the joint's frame."""
+    """x, y and z axes of the joint's frame."""
     position: Vector
-    """m, its origin."""
+    """m, origin of the joint's frame."""
     moving: Moving
-    """How the joints behind it move the sensor; the acceleration is that of a point of the body at the sensor."""
+    """Motion of the sensor by the joints already passed; the acceleration is that of the body's point at the sensor."""
 
 
 class Turns(NamedTuple):
-    """Of all joints' angles, (n, C) each."""
+    """Sine and cosine of all joints' angles, (n, C) each."""
 
     sin: Array
     cos: Array
@@ -63,7 +63,7 @@ def chain_of(arm: Arm) -> Chain:
     v, s = arm.linear, arm.angular
     turns = (s**2).sum(1, keepdims=True) > 0
     z = _unit(jnp.where(turns, s, v))
-    origin = jnp.cross(s, v)  # the point of the axis nearest to the base's origin
+    origin = jnp.cross(s, v)  # This point of the axis is the nearest to the base's origin.
     frames = _frames(z)
     before = jnp.concatenate([jnp.eye(3, dtype=v.dtype)[None], frames[:-1]])
     C = jnp.einsum("nki,nkj->nij", frames, before)
@@ -89,7 +89,7 @@ def chain_of(arm: Arm) -> Chain:
 
 
 def _unit(v: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-    """Directions of vectors; that of nothing is z."""
+    """Unit vectors in the direction of vectors; the z axis for a zero vector."""
     square = (v**2).sum(1, keepdims=True)
     there = square > 0
     return jnp.where(there, v / jnp.sqrt(jnp.where(there, square, 1)), jnp.eye(3, dtype=v.dtype)[2])
@@ -113,7 +113,7 @@ def turns_of(chain: Chain, q: Float[Array, "n C"]) -> Turns:
 
 
 def seen_by_sensor(chain: Chain, turns: Turns, vector: Vector) -> Vector:
-    """A fixed vector () of the base frame, gravity say, in sensor axes: entries (C,)."""
+    """A constant vector of the base frame, entries (), such as gravity, in sensor axes: entries (C,)."""
 
     def joint(seen: Vector, own: tuple[Array, Turns]) -> tuple[Vector, None]:
         (x, y, z), ((cos_b, sin_b), (sin, cos)) = seen, own
@@ -127,20 +127,20 @@ def seen_by_sensor(chain: Chain, turns: Turns, vector: Vector) -> Vector:
 
 
 def at_last_joint(chain: Chain, zero: Float[Array, " C"]) -> Walk:
-    """Where the walk starts."""
+    """Initial state of the recursion, at the last joint."""
     rest = Twist([zero] * 3, [zero] * 3)
     axes = [[zero + x for x in axis] for axis in chain.last_axes]
     return Walk(axes, [zero + x for x in chain.last_position], Moving(rest, rest))
 
 
 def column_of(chain: Chain, j: Array, z: Vector, position: Vector) -> Columns:
-    """Of the sensor's Jacobian, of joint j whose axis is z: linear and angular, entries (C,)."""
+    """Column of the sensor's Jacobian for joint j, whose axis is z: linear and angular, entries (C,)."""
     axis = scale(chain.turning[j], z)
     return Columns(total(cross(position, axis), scale(chain.slide[j], z)), axis)
 
 
 def moved_by(column: Columns, dq: Array, ddq: Array, moving: Moving) -> Moving:
-    """With the motion of one more joint: what is behind it turns its column by -(w x V + v x W, w x W)."""
+    """Motion with one more joint; the joints already passed change its column at the rate -(w x V + v x W, w x W)."""
     (v, w), (v_rate, w_rate) = moving
     V, W = column
     U, u = scale(dq, V), scale(dq, W)

@@ -1,7 +1,7 @@
-"""The wrench of the tool over many samples at once: ``pipeline.predict_wrench`` with time as the last axis.
+"""The wrench of the tool over many samples together: ``pipeline.predict_wrench`` with time as the last axis.
 
-Time is cut into pieces that stay in the processor's fastest cache, and the loop over them is compiled as a whole
-(compiled_loops.py); the reverse pass works each piece out again instead of storing it.
+Time is split into pieces that stay in the processor's fastest cache, and the loop over them is compiled as a whole
+(compiled_loops.py); the reverse pass recomputes each piece instead of storing it.
 
 In a piece, vectors are lists of entries, each an array over samples (C,), as in arm_batch.py, and theta is the list of
 its ten numbers. The equations are those of ``pipeline.predict_wrench`` and ``tool_wrench.joint_sensitivity``.
@@ -33,19 +33,19 @@ from ftbias_jax.runtime.compiled_loops import compile_whole, on_cpu, one_at_a_ti
 from ftbias_jax.runtime.lanes import Vector, cross, scale, times, total
 
 PIECE = 128
-"""Samples worked out together."""
+"""Number of samples per piece, which are computed together."""
 
 Joints = tuple[Array, ...]
 """q, dq, ddq, and covariances if any: (T, n), or in pieces (pieces, n, C)."""
 Constants = tuple[Chain, Array, Array]
-"""Arm, gravity and theta."""
+"""Chain of the arm, gravity and theta."""
 
 
 def wrenches(model: Model, *entries: Float[Array, "T n"]) -> tuple[Float[Array, "T 6"], Float[Array, "T 6"]]:
-    """D theta (T, 6) N, Nm, sensor frame, and the variance (T, 6) that the joints' uncertainty adds to it.
+    """Wrench D theta (T, 6) N, Nm, sensor frame, and the variance (T, 6) that the joints' uncertainty adds to it.
 
-    The latter is the diagonal of sum_j G_j P_j G_j^T (tool_wrench.covariance_of_joints). The entries, (T, n) each, are
-    q, dq and ddq, and of their covariance P_qq, P_qa and P_aa, or none of these for zeros.
+    The variance is the diagonal of sum_j G_j P_j G_j^T (tool_wrench.covariance_of_joints). The entries, (T, n) each,
+    are q, dq and ddq, and P_qq, P_qa and P_aa of their covariance, or none of these for zeros.
     """
     return _of_samples(model, entries)
 
@@ -53,10 +53,10 @@ def wrenches(model: Model, *entries: Float[Array, "T n"]) -> tuple[Float[Array, 
 def wrenches_in_motion(
     gravity: Float[Array, " 3"], theta: Float[Array, " 10"], motion: ArmMotion
 ) -> Float[Array, "T 6"]:
-    """D theta (T, 6) as above, of a motion that was worked out before.
+    """Wrench D theta (T, 6) N, Nm, sensor frame, of a motion that is already computed.
 
-    For derivatives in forward mode, which the hand-written reverse pass does not allow. Reverse mode works too, but
-    takes long to compile.
+    It allows derivatives in forward mode, which the hand-written reverse pass of ``wrenches`` does not. Reverse mode
+    works too, but takes long to compile.
     """
     R_sensor_base = [list(column) for column in jnp.swapaxes(motion.sensor_rotation, 0, 1)]
     moving = motion.acceleration - gravity[:, None], motion.angular_velocity, motion.angular_acceleration
@@ -64,7 +64,7 @@ def wrenches_in_motion(
 
 
 class Felt(NamedTuple):
-    """What the sensor feels of the motion, sensor frame."""
+    """Specific force and angular motion at the sensor, sensor frame."""
 
     specific_force: Vector
     """Acceleration of the sensor origin minus gravity, m/s^2."""
@@ -77,9 +77,9 @@ def wrench_piece(
 ) -> tuple[Vector, Vector]:
     """Wrench and variance of piece i, six entries (C,) each, with gravity in the base frame.
 
-    The joints' (pieces, n, C) are q, dq and ddq of the joints, rad, s, and P_qq, P_qa and P_aa, or none of these for
-    zeros; velocities are left out, as in ``joint_sensitivity``. XLA would copy a piece that was cut out before, and
-    so it would the row of a joint, number by number.
+    ``joints`` (pieces, n, C) are q, dq and ddq of the joints, rad, s, and P_qq, P_qa and P_aa, or none of these for
+    zeros; the uncertainty of velocities is neglected, as in ``joint_sensitivity``. Pieces and rows of joints are sliced
+    where they are used, because XLA would copy an earlier slice number by number.
     """
     q, dq, ddq, *covariance = joints
     tool, zero = list(theta), jnp.zeros_like(q[0, 0])
@@ -114,7 +114,7 @@ def row_of(columns: Float[Array, "pieces n C"], i: Array | int, j: Array | int) 
 
 
 def wrench_of(theta: Vector, felt: Felt) -> Vector:
-    """D theta (tool_wrench.data_matrix)."""
+    """Wrench D theta (tool_wrench.data_matrix)."""
     f, w, w_rate = felt
     c = theta[1:4]
     force, torque = inertial(theta, f, w_rate)
@@ -122,7 +122,7 @@ def wrench_of(theta: Vector, felt: Felt) -> Vector:
 
 
 def inertial(theta: Vector, linear: Vector, angular: Vector) -> tuple[Vector, Vector]:
-    """Force and torque that linear and angular acceleration cost without rotation."""
+    """Force and torque that linear and angular acceleration require at zero angular velocity."""
     c = theta[1:4]
     return total(scale(theta[0], linear), cross(angular, c)), total(cross(c, linear), turn(theta, angular))
 
@@ -134,9 +134,10 @@ def turn(theta: Vector, angular: Vector) -> Vector:
 
 
 def sensitivity(theta: Vector, column: Columns, g: Vector) -> tuple[Vector, Vector]:
-    """Wrench per q and per ddq of one joint, six entries each, by its column of the Jacobian (``joint_sensitivity``).
+    """Derivatives of the wrench with respect to q and ddq of one joint, six entries each (``joint_sensitivity``).
 
-    By q because gravity changes as the sensor turns, by ddq because the tool has inertia; all in the sensor frame.
+    They follow from the joint's column of the Jacobian: q rotates gravity relative to the sensor, ddq accelerates the
+    tool's inertia; all in the sensor frame.
     """
     falling = cross(column.angular, g)
     force, torque = inertial(theta, column.linear, column.angular)
@@ -155,7 +156,7 @@ def _whole(length: int, x: Array) -> Array:
 
 
 def _lanes(length: int) -> int:
-    """Of a piece."""
+    """Number of samples per piece."""
     return PIECE if on_cpu() else length
 
 
@@ -174,12 +175,12 @@ def _forward(model: Model, entries: Joints) -> tuple[tuple[Array, Array], tuple[
 
 def _backward(residual: tuple[Model, Joints], bars: tuple[Array, ...]) -> tuple[Model, Joints]:
     model, entries = residual
-    if len(entries) == 3:  # the variance is zero: XLA aborts on an argument that is never read
+    if len(entries) == 3:  # The variance is zero, and XLA aborts on an argument that is never read.
         bars = bars[:1]
     constants, length = (chain_of(model.arm), model.gravity, model.theta), len(entries[0])
     pieces = jax.tree.map(partial(_in_pieces, _lanes(length)), (entries, bars))
     joints: Joints = jax.tree.map(partial(_whole, length), one_at_a_time(_joint_slopes)(constants, pieces))
-    # Few ask for the slopes in the model: they are worked out apart, or not at all.
+    # Gradients with respect to the model are rarely needed, so they are computed separately or not at all.
     gravity, theta = one_at_a_time(_tool_slopes)(constants, *pieces)
     return Model(one_at_a_time(_arm_slopes)(model, *pieces), gravity, theta), joints
 
@@ -200,7 +201,7 @@ def _all_wrenches(constants: Constants, columns: Joints) -> tuple[Array, Array]:
 
 @compile_whole
 def _joint_slopes(constants: Constants, given: tuple[Joints, tuple[Array, ...]]) -> Joints:
-    """Slopes in what the joints do, in the columns of each piece."""
+    """Gradients with respect to the joints' entries, in the columns of each piece."""
     chain, gravity, theta = constants
 
     def one(piece: tuple[Joints, tuple[Array, ...]]) -> Joints:
@@ -216,7 +217,7 @@ def _joint_slopes(constants: Constants, given: tuple[Joints, tuple[Array, ...]])
 
 @compile_whole
 def _tool_slopes(constants: Constants, columns: Joints, bars: tuple[Array, ...]) -> tuple[Array, Array]:
-    """Slopes in gravity and theta."""
+    """Gradients with respect to gravity and theta."""
     chain, gravity, theta = constants
 
     def one(sums: tuple[Array, Array], i: Array) -> tuple[tuple[Array, Array], None]:
@@ -228,7 +229,7 @@ def _tool_slopes(constants: Constants, columns: Joints, bars: tuple[Array, ...])
 
 
 def _arm_slopes(model: Model, columns: Joints, bars: tuple[Array, ...]) -> Arm:
-    """Slopes in the arm's constants, of the textbook's equations: those of a chain are infinite at parallel axes."""
+    """Gradients with respect to the arm's constants, by textbook equations: a chain's are infinite at parallel axes."""
 
     def sample(arm: Arm, joints: Joints) -> tuple[Array, ...]:
         motion, wrench = motion_and_wrench(arm, model.gravity, model.theta, *joints[:3])

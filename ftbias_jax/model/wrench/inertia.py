@@ -40,7 +40,7 @@ def spatial_inertia(theta: Float[Array, " 10"]) -> Float[Array, "6 6"]:
 
 
 def turned(theta: Float[Array, " 10"], rotation: Float[Array, "3 3"]) -> Float[Array, " 10"]:
-    """(10,) inertial parameters of the same body turned by R (3, 3) about the origin."""
+    """(10,) inertial parameters of the same body rotated by R (3, 3) about the origin."""
     turn = jnp.eye(4, dtype=theta.dtype).at[:3, :3].set(rotation)
     return parameters_from_pseudo_inertia(turn @ pseudo_inertia(theta) @ turn.T)
 
@@ -56,7 +56,7 @@ def parameters_from_log_cholesky(coordinates: Float[Array, " 10"]) -> Float[Arra
 def log_cholesky_from_parameters(theta: Float[Array, " 10"]) -> Float[Array, " 10"]:
     """Inverse of ``parameters_from_log_cholesky``; theta must belong to a body with volume."""
     reverse = np.arange(4)[::-1]
-    lower = jnp.linalg.cholesky(pseudo_inertia(theta)[reverse][:, reverse])  # of the reversed order: an upper factor
+    lower = jnp.linalg.cholesky(pseudo_inertia(theta)[reverse][:, reverse])  # Reversed, it becomes the upper factor.
     U = lower[reverse][:, reverse]
     alpha = jnp.log(U[3, 3])
     scaled = U / U[3, 3]
@@ -69,9 +69,9 @@ def center_of_mass(theta: Float[Array, " 10"]) -> Float[Array, " 3"]:
 
 
 def about_center_of_mass(theta: Float[Array, " 10"]) -> tuple[Float[Array, ""], Float[Array, " 3"], Float[Array, " 6"]]:
-    """What a data sheet states: mass () kg, centre of mass (3,) m, and inertia (6,) kg m^2 about it, sensor axes.
+    """Data-sheet values: mass () kg, centre of mass (3,) m, and inertia (6,) kg m^2 about it, sensor axes.
 
-    Of a numpy array it makes numpy arrays, and compiles nothing.
+    For a numpy array the values are numpy arrays, and nothing is compiled.
     """
     mass, center = theta[0], center_of_mass(theta)
     row, column = np.triu_indices(3)
@@ -80,5 +80,5 @@ def about_center_of_mass(theta: Float[Array, " 10"]) -> tuple[Float[Array, ""], 
 
 
 def without_round_off(values: Array | np.ndarray) -> np.ndarray:
-    """Numbers of a data sheet, in SI units, as they are told: a point mass has no inertia of 1e-18 kg m^2."""
+    """Data-sheet values in SI units, as reported without round-off: a point mass has no inertia of 1e-18 kg m^2."""
     return np.round(np.asarray(values), 15)

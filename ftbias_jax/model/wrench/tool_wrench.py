@@ -1,4 +1,4 @@
-"""The wrench of a known tool, W = D theta, and how its uncertainty reaches the measurement.
+"""The wrench of a known tool, W = D theta, and how its uncertainty propagates to the measurement.
 
 Sign (report): W is the force and torque the sensor exerts on the tool, sensor frame, torque about the sensor origin.
 The sensor reads W = D theta - b + noise, so the bias b is *minus* the offset people usually speak of, and the
@@ -21,11 +21,11 @@ _DEAD_ROWS = {0: (3, 4, 5), 1: (3,), 2: (4,), 3: (5,)} | dict.fromkeys(range(4, 
 LIVE_ENTRIES: np.ndarray = np.array(
     [6 * column + row for column in range(10) for row in range(6) if row not in _DEAD_ROWS[column]]
 )
-"""(36,) where vec(D), column-major, is not always zero."""
+"""(36,) indices of the entries of vec(D), column-major, that are not always zero."""
 
 
 class Model(NamedTuple):
-    """What the setup states about robot and tool."""
+    """Nominal model of robot and tool that the setup states."""
 
     arm: Arm
     """The robot with the sensor frame mounted."""
@@ -82,9 +82,9 @@ def data_matrix(
 
 
 def reduced_observation_matrix(theta: Float[Array, " 10"]) -> Float[Array, "6 36"]:
-    """The columns (6, 36) of B = theta^T kron I_6, W = B vec(D), that meet an entry of D which is not always zero.
+    """The columns (6, 36) of B = theta^T kron I_6, W = B vec(D), that multiply entries of D which are not always zero.
 
-    In the order of LIVE_ENTRIES and the units of theta (10,): kg, kg m, kg m^2.
+    They have the order of LIVE_ENTRIES and the units of theta (10,): kg, kg m, kg m^2.
     """
     return jnp.kron(theta[None, :], jnp.eye(6, dtype=theta.dtype))[:, LIVE_ENTRIES]
 
@@ -95,7 +95,7 @@ def measurement_covariance(
     """R = B Sigma_D B^T + Sigma_W (6, 6), the noise of y = D theta - W; n_D is in it once (errata 6).
 
     Args:
-        theta: (10,).
+        theta: (10,) inertial parameters.
         data_variance: (36,) diagonal of Sigma_D, live entries of vec(D), or None for zeros.
         wrench_variance: (6,) diagonal of Sigma_W, N^2 and Nm^2.
     """
@@ -111,14 +111,14 @@ def joint_sensitivity(
     jacobian: Float[Array, "6 n"],
     gravity: Float[Array, " 3"],
 ) -> tuple[Float[Array, "6 n"], Float[Array, "6 n"]]:
-    """How the predicted wrench W = D theta moves with joint positions and accelerations.
+    """Derivatives of the predicted wrench W = D theta with respect to joint positions and accelerations.
 
-    The acceleration part is exact; the position part keeps the turning of gravity and leaves out terms of the size of
-    the motion's own acceleration, so it is exact at rest. Velocity enters through products of rates only and is left
-    out: with a filter's 1e-3 rad/s it is thousands of times smaller than the acceleration part.
+    The acceleration part is exact; the position part includes the rotation of gravity and neglects terms of the size of
+    the motion's own acceleration, so it is exact at rest. Velocity enters only through products of rates and is
+    neglected: with a filter's 1e-3 rad/s it is thousands of times smaller than the acceleration part.
 
     Args:
-        theta: (10,).
+        theta: (10,) inertial parameters.
         R_base_sensor: (3, 3).
         jacobian: (6, n) sensor Jacobian, base frame.
         gravity: (3,) m/s^2, base.

@@ -1,4 +1,4 @@
-"""An identified tool in the words of robot controllers and of ROS: payloads, and parameters of gravity compensation."""
+"""Export of an identified tool to robot controllers and ROS: payloads, and parameters of gravity compensation."""
 
 import os
 from collections.abc import Callable
@@ -16,20 +16,20 @@ FORMATS: dict[str, Callable[[Setup, ExportOptions], str]] = {
     "ros": ros_text,
     "ft_calib": ft_calib_text,
 }
-"""Name -> what writes it."""
+"""Name of a format -> function that returns its text."""
 
 
 def export_text(setup: Setup, name: str, options: ExportOptions = DEFAULT) -> str:
-    """The text of one format.
+    """Return the text of one format.
 
     Args:
         setup: with the tool, as ``identify`` writes it.
         name: key of FORMATS.
-        options: what a setup does not say.
+        options: what a setup does not state.
 
     Raises:
         UsageError: there is no such format. SetupError: the setup does not state the tool, or not how the sensor's
-            frame stands to the one that the format needs.
+            frame relates to the one that the format needs.
     """
     if name not in FORMATS:
         raise UsageError(f"there is no format {name!r}", field="format", remedy=f"choose from {', '.join(FORMATS)}")
@@ -37,9 +37,9 @@ def export_text(setup: Setup, name: str, options: ExportOptions = DEFAULT) -> st
 
 
 def save_export(setup: Setup, path: str | os.PathLike[str], format: str, **options: Any) -> None:
-    """Write the tool, and for ROS the bias, in the words of a robot's controller or of a package of ROS.
+    """Write the tool, and for ROS the bias, in the format of a robot's controller or of a ROS package.
 
-    The file is written whole or not at all. ``Setup.export`` is this.
+    The file is written whole or not at all. ``Setup.export`` is this function.
 
     Args:
         setup: with the tool.

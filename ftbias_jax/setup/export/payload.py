@@ -1,4 +1,4 @@
-"""What an export needs beside the setup, and the tool as the payload of a controller.
+"""Options of an export, and the tool as the payload of a controller.
 
 Controllers of Universal Robots and Franka take it in the frame of the robot's own flange.
 """
@@ -23,7 +23,7 @@ from ftbias_jax.types import Array
 
 
 class ExportOptions(NamedTuple):
-    """What a setup does not say."""
+    """What an export needs and a setup does not state."""
 
     sensor_mass: tuple[float, float, float, float] | None = None
     """kg, and m in the robot's flange frame: mass and centre of mass of what is between flange and sensor, such as the
@@ -41,7 +41,7 @@ DEFAULT = ExportOptions()
 
 
 def heading(setup: Setup) -> list[str]:
-    """Where an export comes from, in words: program, setup and its SHA-256, and what is known of its errors."""
+    """Header lines of an export: program, setup with its SHA-256, and remarks on how the tool was found."""
     digest = hashlib.sha256(edited_text(setup).encode()).hexdigest()
     name = os.path.basename(setup.path) or "a setup in memory"
     words = [f"by ftbias_jax {__version__} from {name}, sha256 {digest}"]
@@ -57,23 +57,23 @@ def plain(values: Array) -> list[float]:
 
 
 def number(value: float) -> str:
-    """A number with a point and without an exponent, because "1e-05" is a word to YAML 1.1, which ROS reads."""
+    """Format a number with a point and without an exponent: YAML 1.1, which ROS reads, takes "1e-05" for text."""
     return str(np.format_float_positional(plain([value])[0], trim="0"))
 
 
 def numbers(values: Array) -> str:
-    """Such numbers as a list, in YAML and URScript."""
+    """Format numbers as a list for YAML and URScript."""
     return f"[{', '.join(map(number, values))}]"
 
 
 class Maker(NamedTuple):
-    """Whose flange it is."""
+    """A manufacturer of arms whose flange a payload refers to."""
 
     name: str
     models: tuple[str, ...]
-    """Beginnings of the names of built-in robots."""
+    """Prefixes of the names of its built-in robots."""
     link: str
-    """End of the name of the link of a URDF that is the flange."""
+    """Suffix of the name of the URDF link that is its flange."""
 
 
 UR = Maker("Universal Robots", ("ur",), "tool0")
@@ -144,7 +144,7 @@ def payload_of(setup: Setup, maker: Maker, options: ExportOptions) -> RigidBody:
 
 
 def _check_mounting(setup: Setup) -> None:
-    """How the sensor is mounted must be stated, be it zero: a default is no measurement."""
+    """Raise an error if the mounting of the sensor is not stated, even if zero: a default is no measurement."""
     sensor, written = setup.sensor, _said(setup, "sensor")
     nowhere = not sensor.translation.any() and np.allclose(sensor.rotation, np.eye(3))
     if nowhere and not {"translation", "rotation_rpy"} & written.keys():
@@ -177,5 +177,5 @@ def _flange(setup: Setup, maker: Maker, options: ExportOptions) -> tuple[Array, 
 
 
 def _said(setup: Setup, section: str) -> dict[str, object]:
-    """What the text of a setup says in a section; {} of a setup in memory."""
+    """Entries of one section in the text of a setup; {} for a setup in memory."""
     return dict(tomllib.loads(setup.source).get(section, {})) if setup.source else {}

@@ -13,19 +13,19 @@ from ftbias_jax.setup.types import REPORTS, SCREWS, Setup, sign_of
 from ftbias_jax.types import Array
 
 WORLD_FRAMES = {"ur": "base", "panda": "panda_link0", "fr3": "fr3_link0"}
-"""Beginning of a robot's name -> its maker's name of the frame that the setup's base frame is."""
+"""Prefix of a robot's name -> its manufacturer's name of the setup's base frame."""
 
 
 def ros_text(setup: Setup, options: ExportOptions) -> str:
     """YAML for ros2_control: the offset of the broadcaster, and a gravity compensation in its chain of filters.
 
     ``force_torque_sensor_broadcaster`` adds ``offset`` to the reading, then runs ``sensor_filter_chain``;
-    ``control_filters/GravityCompensationWrench`` subtracts mass * gravity_field, turned from world_frame into
+    ``control_filters/GravityCompensationWrench`` subtracts mass * gravity_field, rotated from world_frame into
     sensor_frame, and CoG x that. (ros-controls/control_toolbox, gravity_compensation.cpp; ros2_controllers,
     admittance_controller/test/test_params.yaml.) A sensor that reports the wrench on the tool reads the opposite of the
     weight, so its gravity_field points up.
 
-    The setup has the tool, and the bias as ``identify --bias`` writes it.
+    The setup states the tool, and the bias as ``identify --bias`` writes it.
 
     Raises:
         SetupError: the tool is not stated, or the reading has been compensated already.
@@ -53,12 +53,12 @@ def ros_text(setup: Setup, options: ExportOptions) -> str:
 def ft_calib_text(setup: Setup, options: ExportOptions) -> str:
     """YAML as ``force_torque_sensor_calib`` writes it and ``gravity_compensation`` reads it.
 
-    Both are of kth-ros-pkg/force_torque_tools (config/ft_calib_data_example.yaml, gravity_compensation.cpp):
-    compensated = reading - bias - mass * a, with a the acceleration that the topic ``imu`` has, in the sensor frame,
-    and the torque of that at the centre of mass. So ``bias`` is the usual offset, minus the bias of this package, and
-    the sign of ``imu`` must be that of the sensor.
+    Both are in kth-ros-pkg/force_torque_tools (config/ft_calib_data_example.yaml, gravity_compensation.cpp):
+    compensated = reading - bias - mass * a, where a is the acceleration that the topic ``imu`` has, in the sensor
+    frame, and the torque follows from that force at the centre of mass. So ``bias`` is the usual offset, minus the bias
+    of this package, and the sign of ``imu`` must be that of the sensor.
 
-    The setup has the tool, and the bias as ``identify --bias`` writes it.
+    The setup states the tool, and the bias as ``identify --bias`` writes it.
 
     Raises:
         SetupError: the tool is not stated, or the reading has been compensated already.
@@ -80,9 +80,9 @@ def ft_calib_text(setup: Setup, options: ExportOptions) -> str:
 def dump_offsets(bias: Array, reports: str = REPORTS[0], remark: str = "") -> str:
     """YAML text with the offsets that the broadcaster adds to each reading.
 
-    The broadcaster publishes reading + offset (and multiplies afterwards, by 1 unless told otherwise). The bias is what
-    is added to the wrench on the tool, so the offset *is* the bias; a sensor that reports the wrench on itself reads
-    the opposite sign, and so its offset is minus the bias.
+    The broadcaster publishes reading + offset (and multiplies afterwards, by 1 unless configured otherwise). The bias
+    is what is added to the wrench on the tool, so the offset *is* the bias; a sensor that reports the wrench on itself
+    reads the opposite sign, and so its offset is minus the bias.
 
     Args:
         bias: (6,) N and Nm, the report's sign: unbiased = measured + bias.
@@ -106,7 +106,7 @@ def world_frame(setup: Setup) -> str:
 
 
 def _tool_of_the_reading(setup: Setup) -> tuple[float, Array]:
-    """Mass and centre of mass (3,) of what is in the reading."""
+    """Mass and centre of mass (3,) of the tool, whose weight must be in the reading."""
     tool = require_tool(setup).tool
     if setup.sensor.compensated != "none":
         message = f"{setup.sensor.compensated!r}: the reading has no weight left to subtract"

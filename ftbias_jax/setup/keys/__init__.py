@@ -1,2 +1,1 @@
-"""The one table of a setup's keys: what the parser accepts, what editors complete, what the reference and the template
-say."""
+"""The single table of a setup's keys, which parser, editors, reference and template share."""

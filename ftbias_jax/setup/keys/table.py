@@ -1,6 +1,6 @@
-"""Every key of a setup, section by section, as keys.toml states it: read here, and read by it.
+"""Every key of a setup, section by section, as stated in keys.toml, and the reading of values by this table.
 
-As a JSON Schema, with it editors complete and check a setup while it is written.
+As a JSON Schema the table lets editors complete and check a setup while it is written.
 """
 
 import re
@@ -19,7 +19,7 @@ from ftbias_jax.setup.types import COMPENSATED, JOINT_MODELS, REPORTS
 
 
 class Kind(Enum):
-    """What stands on the right of a key."""
+    """Kind of value that a key has."""
 
     NUMBER = "number"
     NUMBERS = "numbers"
@@ -38,18 +38,18 @@ SEVERAL = -1
 
 
 class Key(NamedTuple):
-    """One key of a section; what the fields mean stands in keys.toml."""
+    """One key of a section; keys.toml documents the fields."""
 
     kind: Kind
     meaning: str
     unit: str = ""
     size: int = 1
-    """How many numbers or names, or PER_JOINT, or SEVERAL."""
+    """Count of numbers or names, or PER_JOINT, or SEVERAL."""
     expand: bool = False
     above: float = -np.inf
     least: float = -np.inf
     default: Any = None
-    """None = it has none."""
+    """Value if the key is absent; None = no default."""
     required: bool = False
     quiet: bool = False
     choices: tuple[str, ...] = ()
@@ -58,18 +58,18 @@ class Key(NamedTuple):
 
     @property
     def has_value(self) -> bool:
-        """Whether one value stands on the right, not a table."""
+        """Whether the key has a value, rather than a table."""
         return self.kind not in (Kind.TABLE, Kind.TABLES)
 
 
 class SectionKeys(NamedTuple):
-    """One section."""
+    """Description and keys of one section."""
 
     about: str
     keys: Mapping[str, Key]
     required: bool = False
     further: str = ""
-    """What any other key means, whose value is text; "" = there is no other key."""
+    """Meaning of any other key, whose value is text; "" = no other key is allowed."""
 
 
 _CHOICES = {
@@ -93,7 +93,7 @@ _CHOICES = {
     "log.clocks": recorded.CLOCKS,
     "log.time_units": recorded.TIME_UNITS,
 }
-"""What a text, or an entry behind the numbers of a row, may be: by the key, or by the section for all its keys."""
+"""Allowed values of a text, or of the entry behind the numbers of a row: by key, or by section for all its keys."""
 
 
 def _key(name: str, entry: dict[str, Any]) -> Key:
@@ -113,44 +113,44 @@ SECTIONS: Mapping[str, SectionKeys] = {
     name: SectionKeys(**{**stated, "keys": {key: _key(f"{name}.{key}", {**x}) for key, x in stated["keys"].items()}})
     for name, stated in tomllib.loads(Path(__file__).with_name("keys.toml").read_text(encoding="utf-8")).items()
 }
-"""By the full name of the section."""
+"""Full name of a section -> its keys."""
 EFFECTS = "effects"
 """The section whose keys are those of the catalogue of effects."""
 TOP = (*(name for name in SECTIONS if "." not in name), EFFECTS)
-"""The names that may stand at the top of a setup."""
+"""Names that are allowed at the top level of a setup."""
 
 
 def further_columns(columns: Mapping[str, str | tuple[str, ...]]) -> dict[str, str]:
-    """Of [log.columns] those that effects see by a name of the owner's choice: their names in the file."""
+    """Columns of [log.columns] that effects see under a name of the user's choice -> their names in the file."""
     known = SECTIONS["log.columns"].keys
     return {key: name for key, name in columns.items() if key not in known and isinstance(name, str)}
 
 
 def section_keys(name: str) -> SectionKeys:
-    """The section of a full name such as ``robot.joints[2]``."""
+    """Keys of the section with a full name such as ``robot.joints[2]``."""
     return SECTIONS[re.sub(r"\[\d+\]", "", name)]
 
 
 def key_of(full_name: str) -> Key | None:
-    """The key of a full name such as ``tool.mass``; None if the table does not have it."""
+    """Key with a full name such as ``tool.mass``; None if the table does not have it."""
     section, _, key = full_name.rpartition(".")
     return section_keys(section).keys.get(key) if section in SECTIONS else None
 
 
 def open_section(parent: Section, key: str, *, required: bool = False) -> Section:
-    """The table at a key, all of whose keys are known; an absent one that is not required is empty."""
+    """Return the table at a key, all of whose keys must be known; an absent optional one is empty."""
     known = section_keys(parent.path(key))
     return fields.subsection(parent, key, known.keys, required=required or known.required)
 
 
 def read(section: Section, key: str, size: int | None = None, default: Any = None) -> Any:
-    """The value at a key: an array, a number, text, True or False, or a tuple of names.
+    """Return the value at a key: an array, a number, text, True or False, or a tuple of names.
 
     Args:
-        section: where it stands.
-        key: one of the table's.
-        size: how many numbers or names, where the table leaves it to the robot.
-        default: what holds if the key is absent, where the table leaves it to other keys.
+        section: the section that has the key.
+        key: a key of that section.
+        size: count of numbers or names, where the table of keys leaves it to the robot.
+        default: value if the key is absent, where the table of keys leaves it to other keys.
 
     Returns:
         None, if the key is absent and has no default.
@@ -188,15 +188,15 @@ def read(section: Section, key: str, size: int | None = None, default: Any = Non
 
 
 def read_all(section: Section, apart: Collection[str] = ()) -> dict[str, Any]:
-    """All values of a section by their keys, but for some."""
+    """Return all values of a section by key, except the keys ``apart``."""
     return {key: read(section, key) for key in section_keys(section.name).keys if key not in apart}
 
 
 def json_schema() -> dict[str, Any]:
-    """The schema, draft 2020-12.
+    """JSON Schema of a setup, draft 2020-12.
 
-    It knows types, shapes, ranges and names. What depends on several keys, such as that a robot is stated in one way
-    alone, or that an inertia belongs to a body, only ``parse_setup`` checks.
+    It covers types, shapes, ranges and names. Conditions on several keys, such as that a robot is stated in one way
+    only, or that a body can have an inertia, are checked by ``parse_setup`` alone.
     """
     top = {name: _section_schema(name) for name in SECTIONS if "." not in name}
     effects = {"type": "object", "additionalProperties": {"type": "object"}}

@@ -1,1 +1,1 @@
-"""Terms: effects outside the catalogue, described as what a drive of the motion or of time does to the reading."""
+"""Terms: effects outside the catalogue, described by how a drive, such as motion or time, acts on the reading."""

@@ -1,4 +1,4 @@
-"""What a term does to the reading: columns that are linear in its coefficients, from motion, time and load."""
+"""Action of a term on the reading: columns of regressors from motion, time and load, linear in its coefficients."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,11 +14,11 @@ from ftbias_jax.types import Array
 MOVED = ("position", "velocity", "acceleration")
 """Drives that differ from one point of the tool to another; all of them are fields of the state."""
 OF_JOINTS = ("joint_angle", "joint_velocity")
-"""Drives that may be of one joint."""
+"""Drives that may refer to a single joint."""
 
 
 def columns(xp: Any, term: Term, state: State) -> Array:
-    """(T, K, 6) N, Nm per coefficient of a term, sensor frame: what lowers the reading; by numpy or jax.numpy."""
+    """Columns (T, K, 6) N, Nm per coefficient of a term, sensor frame, that lower the reading; numpy or jax.numpy."""
     if acts_on_channels(term):
         series = channel_series(xp, term, state)
         found = (series[:, :, :, None] * xp.eye(6, dtype=series.dtype)[None, None]).reshape(len(series), -1, 6)
@@ -28,13 +28,13 @@ def columns(xp: Any, term: Term, state: State) -> Array:
 
 
 def acts_on_channels(term: Term) -> bool:
-    """Whether it changes each channel of the sensor by itself, and not as a force or a torque does."""
+    """Whether a term changes each channel of the sensor separately, and not as a force or a torque does."""
     kind = FORMS[term.drive, term.form].kind
     return kind == "channels" or (kind == "scalars" and term.frame == "sensor" and term.acts_as in ("wrench", "bias"))
 
 
 def channel_series(xp: Any, term: Term, state: State) -> Array:
-    """(T, S, 6) what acts on the channels: each has a coefficient for each series, series by series."""
+    """Series (T, S, 6) that act on the channels; there is one coefficient per series and channel, series by series."""
     series = _series(xp, term, state)
     if FORMS[term.drive, term.form].kind == "channels":
         return series[:, None]
@@ -42,7 +42,7 @@ def channel_series(xp: Any, term: Term, state: State) -> Array:
 
 
 def vectors_of(xp: Any, term: Term, state: State) -> Array:
-    """(T, V, 3) forces or torques per coefficient, sensor frame, of a term that does not act on channels."""
+    """Forces or torques (T, V, 3) per coefficient, sensor frame, of a term that does not act on channels."""
     series = _series(xp, term, state)
     if FORMS[term.drive, term.form].kind == "vectors":
         return _along_axes(xp, term.frame, series, state.rotation)
@@ -55,7 +55,7 @@ def vectors_of(xp: Any, term: Term, state: State) -> Array:
 
 
 def _series(xp: Any, term: Term, state: State) -> Array:
-    """The series of the form, at the point of the term and of its joint."""
+    """Series of a term's form, for the motion of the term's point and for its joint."""
     moves = term.drive in MOVED and has_point(term)
     seen = at_point(xp, state, term.point, ("position", "velocity", term.drive)) if moves else state
     if term.joint and term.drive in OF_JOINTS:
@@ -65,7 +65,7 @@ def _series(xp: Any, term: Term, state: State) -> Array:
 
 
 def count_columns(term: Term) -> int:
-    """How many columns a term's form has, whichever of them are used."""
+    """Number of columns of a term's form, whichever of them are used."""
     form = FORMS[term.drive, term.form]
     if form.kind == "channels":
         return 6
@@ -77,7 +77,7 @@ def count_columns(term: Term) -> int:
 
 
 def _along_axes(xp: Any, frame: str, vectors: Array, rotation: Array) -> Array:
-    """(T, V, 3) in base axes -> sensor coordinates; a single one in the sensor's frame by components."""
+    """Vectors (T, V, 3) in base axes -> sensor axes; in the sensor's frame a single one is split into components."""
     inside = xp.einsum("tji,tvj->tvi", rotation, vectors)
     if frame != "sensor" or vectors.shape[1] > 1:
         return inside
@@ -93,29 +93,29 @@ def _of_three(xp: Any, term: Term, vectors: Array) -> Array:
 
 
 def torques(xp: Any, vectors: Array) -> Array:
-    """(..., 3) Nm -> (..., 6) what pure torques are in the six channels."""
+    """Pure torques (..., 3) Nm -> (..., 6) in the six channels."""
     return xp.concatenate([xp.zeros_like(vectors), vectors], -1)
 
 
 def forces_at(xp: Any, point: Array, vectors: Array) -> Array:
-    """(..., 3) N -> (..., 6) what forces at a point (3,) m of the tool, sensor frame, are in the six channels."""
+    """Forces (..., 3) N at a point (3,) m of the tool, sensor frame -> (..., 6) in the six channels."""
     return xp.concatenate([vectors, _cross(xp, point, vectors)], -1)
 
 
 def _cross(xp: Any, first: Array, second: Array) -> Array:
-    """(..., 3) vector products; numpy's own takes longer to sort out axes than to multiply."""
+    """Cross products (..., 3); numpy's own function takes longer to arrange the axes than to multiply."""
     a, b, c = (first[..., i] for i in range(3))
     x, y, z = (second[..., i] for i in range(3))
     return xp.stack([b * z - c * y, c * x - a * z, a * y - b * x], -1)
 
 
 def has_point(term: Term) -> bool:
-    """Whether it is a force at a point of the tool."""
+    """Whether a term is a force at a point of the tool."""
     return term.acts_as == "force" or (term.acts_as == "wrench" and term.frame == "base")
 
 
 def at_point(xp: Any, state: State, point: Array, fields: tuple[str, ...] = MOVED) -> State:
-    """The motion of a point (3,) m of the tool, sensor frame, as far as the given fields tell it."""
+    """State with the given fields replaced by the motion of a point (3,) m of the tool, sensor frame."""
     arm = state.rotation @ point
     w, moved = state.angular_velocity, dict[str, Array]()
     if "position" in fields:
@@ -129,7 +129,7 @@ def at_point(xp: Any, state: State, point: Array, fields: tuple[str, ...] = MOVE
 
 
 def change(xp: Any, terms: Mapping[str, Term], state: State) -> Array:
-    """(T, 6) N, Nm: what terms add to the reading."""
+    """Change (T, 6) N, Nm that terms add to the reading."""
     total = xp.zeros_like(state.load)
     for term in terms.values():
         if term.acts_as != "noise":
@@ -138,7 +138,7 @@ def change(xp: Any, terms: Mapping[str, Term], state: State) -> Array:
 
 
 def added(xp: Any, term: Term, state: State) -> Array:
-    """(T, 6) N, Nm: what one term adds to the reading; the same as its columns times its coefficients, and faster."""
+    """Change (T, 6) N, Nm that one term adds to the reading: minus columns times coefficients, computed faster."""
     if acts_on_channels(term) or term.acts_as not in ("force", "torque"):
         return -xp.einsum("tkc,k->tc", columns(xp, term, state), term.coefficients)
     vectors = vectors_of(xp, term, state)
@@ -148,7 +148,7 @@ def added(xp: Any, term: Term, state: State) -> Array:
 
 
 def noise_variance(xp: Any, terms: Mapping[str, Term], state: State) -> Array:
-    """(T, 6) N^2, Nm^2: what terms add to the variance of the noise."""
+    """Variance (T, 6) N^2, Nm^2 that terms add to the noise."""
     total = xp.zeros_like(state.load)
     for term in terms.values():
         if term.acts_as == "noise":
@@ -164,16 +164,16 @@ def state_of(
     counts: Array | None = None,
     period: float = 0.0,
 ) -> State:
-    """What drives see of a log, by numpy or jax.numpy.
+    """State of a log from which the drives are computed, with numpy or jax.numpy.
 
-    The load (T, 6) N, Nm is the reading before the terms act. Every reading is the mean of so many samples (T,), a
-    period of s apart; None = of single ones.
+    ``load`` (T, 6) N, Nm is the reading before the terms act. Every reading is the mean of ``counts`` (T,) samples that
+    are ``period`` s apart; None = single samples.
     """
     moving = motion_of(signals) if motion is None else motion
     carrier: Arm | FreeBody = signals.model.arm
     as_array = xp.asarray
     q, dq = as_array(signals.q), as_array(signals.dq)
-    if isinstance(carrier, FreeBody):  # the entries of a pose are no joints
+    if isinstance(carrier, FreeBody):  # The entries of a pose are not joints.
         q, dq, axes = q[:, :0], dq[:, :0], xp.zeros((len(q), 0, 3), q.dtype)
     else:
         axes = xp.einsum("ijnt,nj->tni", as_array(moving.link_rotation)[:, :, :-1], as_array(carrier.angular))

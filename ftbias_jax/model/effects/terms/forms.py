@@ -1,7 +1,7 @@
-"""How each drive may act: the table of forms, each with its series over a log, for NumPy and JAX alike.
+"""Table of the forms in which each drive may act, each with its series over a log, for NumPy and JAX alike.
 
-A form gives scalars (T, S), which act along three axes or on six channels; or vectors (T, V, 3) in base axes, which
-act along themselves; or (T, 6) for channels that act on themselves.
+A form yields scalars (T, S), which act along three axes or on six channels; or vectors (T, V, 3) in base axes, which
+act along their own directions; or (T, 6) for channels, each of which acts on itself.
 """
 
 from typing import Any
@@ -18,7 +18,7 @@ TAKES = Parameter("takes", "s", 0.0, 1.0)
 FREQUENCY = Parameter("frequency", "Hz", 1e-4, 1e4)
 SPEED = Parameter("speed", "m/s", 1e-3, 2.0)
 CREEP = 0.02
-"""m/s below which dry friction in one place gives way."""
+"""m/s below which dry friction in one place falls smoothly to zero."""
 TURN = Parameter("speed", "rad/s", 1e-3, 5.0)
 PLACE = tuple(Parameter(axis, "m", -10.0, 10.0) for axis in "xyz")
 NORMAL = tuple(Parameter(axis, "1", -1.5, 1.5) for axis in "xyz")
@@ -33,14 +33,14 @@ MAP = (*XYZ, "xx_yy", "zz", "xy", "xz", "yz", "size_x", "size_y", "size_z")
 
 
 def _decay(xp: Any, s: State, p: Numbers) -> Array:
-    """A constant, and what decays with a time constant."""
+    """A constant, and an exponential decay."""
     return xp.stack([xp.ones_like(s.t), xp.exp(-s.t / p["time_constant"])], 1)
 
 
 def _step(xp: Any, s: State, p: Numbers) -> Array:
-    """(T, 1) 1 from the first time to the second, from the third to the fourth and so on, in means of samples.
+    """(T, 1) that is 1 from the first time to the second, from the third to the fourth and so on, in means of samples.
 
-    A change that takes some s is a straight line about its time.
+    A change that takes ``takes`` s is a linear ramp centred at its time.
     """
     times = xp.atleast_1d(p["time"])
     length = (xp.where(s.counts > 1, s.counts * s.period, 0.0) + p.get("takes", 0.0))[:, None]
@@ -50,12 +50,12 @@ def _step(xp: Any, s: State, p: Numbers) -> Array:
 
 
 def _payload(xp: Any, s: State, p: Numbers) -> Array:
-    """Weight and inertia of a unit mass at the point, while it is carried."""
+    """Weight and inertial force of a unit mass at the point, while it is carried."""
     return (_step(xp, s, p) * (s.gravity[None] - s.acceleration))[:, None]
 
 
 def _load_settling(xp: Any, s: State, p: Numbers) -> Array:
-    """The reading times what settles with a time constant."""
+    """The reading times an exponential that settles with a time constant."""
     return s.load * xp.expm1(-s.t / p["time_constant"])[:, None]
 
 
@@ -72,7 +72,7 @@ def _wave(xp: Any, s: State, p: Numbers) -> Array:
 
 
 def _line(xp: Any, s: State, p: Numbers) -> Array:
-    """A sine and a cosine, as they are left in means of evenly spaced samples."""
+    """A sine and a cosine, attenuated as they are in means of evenly spaced samples."""
     step = xp.pi * p["frequency"] * s.period
     fast = xp.abs(xp.sin(step)) > 1e-6
     left = xp.where(fast, xp.sin(s.counts * step) / (s.counts * xp.where(fast, xp.sin(step), 1.0)), 1.0)
@@ -80,12 +80,12 @@ def _line(xp: Any, s: State, p: Numbers) -> Array:
 
 
 def _felt(xp: Any, s: State, p: Numbers) -> Array:
-    """(T, 1) temperature, felt late."""
+    """Temperature (T, 1) after a first-order lag."""
     return low_passed(xp, s.t, s.temperature[:, None], p["lag"])
 
 
 def _warmer(xp: Any, s: State, p: Numbers) -> Array:
-    """The same since the first sample."""
+    """Lagged temperature relative to the first sample."""
     felt = _felt(xp, s, p)
     return felt - felt[:1]
 
@@ -96,38 +96,38 @@ def _warmer_squared(xp: Any, s: State, p: Numbers) -> Array:
 
 
 def _warming_side(xp: Any, s: State, p: Numbers) -> Array:
-    """The part of the tool that follows the thermometer late, and the difference from it: a gradient of temperature."""
+    """Temperature of a part that lags the thermometer, and its difference from the thermometer, which is a gradient."""
     felt = _warmer(xp, s, p)
     return xp.concatenate([felt, (s.temperature - s.temperature[0])[:, None] - felt], 1)
 
 
 def _calibrated(power: int) -> Make:
-    """The load times a power of how far the temperature is from that of the calibration."""
+    """Minus the load times a power of the difference from the temperature of the calibration."""
     return lambda xp, s, p: -((_felt(xp, s, p) - p["reference"]) ** power) * s.load
 
 
 def _spring(xp: Any, s: State, p: Numbers) -> Array:
-    """Minus the place of the point, and the three axes of the base."""
+    """Minus the position of the point, and the three axes of the base."""
     axes = xp.broadcast_to(xp.eye(3, dtype=s.position.dtype), (*s.position.shape, 3))
     return xp.concatenate([-s.position[:, None], axes], 1)
 
 
 def _attraction(xp: Any, s: State, p: Numbers) -> Array:
-    """Towards a place, falling with a power of the distance beyond a core; 1 at half a metre."""
+    """Vector towards a place that falls with a power of the distance beyond a core; 1 at half a metre."""
     away = _vector(xp, p)[None] - s.position
     distance = xp.sqrt((away**2).sum(1, keepdims=True) + p["core"] ** 2 + 1e-6)
     return (away / distance * (0.5 / distance) ** p["power"])[:, None]
 
 
 def _barrier(xp: Any, s: State, p: Numbers) -> Array:
-    """A force that sets in beyond a plane and grows with the distance, softly over a length."""
+    """A force that grows with the distance beyond a plane, with a soft onset over a length."""
     normal = _vector(xp, p)
     beyond = (s.position @ normal) / xp.sqrt(normal @ normal + 1e-12) - p["offset"]
     return xp.logaddexp(0.0, beyond / p["length"])[:, None] * p["length"]
 
 
 def _surface(xp: Any, s: State, p: Numbers) -> Array:
-    """A plane that is pressed on: back along its normal with the depth, and friction in proportion against sliding."""
+    """Contact with a plane: a normal force proportional to the depth, and proportional friction against sliding."""
     normal = _vector(xp, p)
     normal = normal / xp.sqrt(normal @ normal + 1e-12)
     depth = _barrier(xp, s, p)
@@ -142,19 +142,19 @@ def _place_squared(xp: Any, s: State, p: Numbers) -> Array:
 
 
 def _seen(xp: Any, s: State, direction: Array) -> Array:
-    """(T, 3) a direction of the base as the sensor sees it."""
+    """Direction (T, 3) of a vector of the base frame, in sensor axes."""
     return xp.einsum("tij,i->tj", s.rotation, direction) / xp.sqrt(direction @ direction + 1e-12)
 
 
 def _map(xp: Any, s: State, direction: Array) -> Array:
-    """Smooth and one-sided functions of a direction as the sensor sees it."""
+    """Linear, quadratic and absolute-value functions of a direction in sensor axes."""
     x, y, z = _seen(xp, s, direction).T
     second = (x * x - y * y, 3 * z * z - 1, x * y, x * z, y * z)
     return xp.stack([x, y, z, *second, xp.abs(x), xp.abs(y), xp.abs(z)], 1)
 
 
 def _along(field: str, power: int = 1) -> Make:
-    """Against a vector of the state, with a power of its length."""
+    """Vector opposite to one of the state, with a power of its length."""
 
     def make(xp: Any, s: State, p: Numbers) -> Array:
         vectors: Array = getattr(s, field)
@@ -165,7 +165,7 @@ def _along(field: str, power: int = 1) -> Make:
 
 
 def _dry(field: str) -> Make:
-    """Against the direction of a vector of the state, softly below a speed."""
+    """Direction opposite to a vector of the state, which falls smoothly to zero below a speed."""
 
     def make(xp: Any, s: State, p: Numbers) -> Array:
         vectors: Array = getattr(s, field)
@@ -175,7 +175,7 @@ def _dry(field: str) -> Make:
 
 
 def _local(xp: Any, s: State, p: Numbers) -> Array:
-    """Against the velocity within a radius of a place, which ends softly over an edge: viscous, and dry."""
+    """Viscous and dry friction within a radius of a place, with a soft edge."""
     away = s.position - _vector(xp, p)[None]
     distance = xp.sqrt((away**2).sum(1, keepdims=True) + 1e-12)
     inside = 0.5 - 0.5 * xp.tanh((distance - p["radius"]) / p["edge"])
@@ -184,17 +184,17 @@ def _local(xp: Any, s: State, p: Numbers) -> Array:
 
 
 def _gyroscopic(xp: Any, s: State, p: Numbers) -> Array:
-    """omega x h of a momentum fixed in the tool, for each axis of the sensor: what the rotor does to the tool."""
+    """Torque -omega x h of a rotor on the tool, for unit angular momenta h fixed in the tool along each sensor axis."""
     return -xp.cross(s.angular_velocity[:, None], xp.swapaxes(s.rotation, 1, 2))
 
 
 def _swinging(xp: Any, s: State, p: Numbers) -> Array:
-    """What a unit mass on spring and damper makes of the acceleration, beyond a rigid one."""
+    """Response of a unit mass on spring and damper to the acceleration, beyond that of a rigid mass."""
     return -swing(xp, s.t, s.acceleration - s.gravity[None], p["frequency"], p["damping_ratio"])[:, None]
 
 
 def _trailing(xp: Any, s: State, p: Numbers) -> Array:
-    """The part of the acceleration that a lag takes away."""
+    """Part of the acceleration that a first-order lag removes."""
     return (s.acceleration - low_passed(xp, s.t, s.acceleration, p["lag"]))[:, None]
 
 
@@ -207,14 +207,14 @@ def _harmonic(xp: Any, s: State, p: Numbers) -> Array:
 
 
 def _heat(xp: Any, s: State, p: Numbers) -> Array:
-    """Squared speed, of one joint or of all, that is lost again with a time constant."""
+    """Heat from the squared speed of one joint or of all, dissipated with a time constant."""
     power = (s.dq**2).sum(1, keepdims=True)
     power = xp.concatenate([xp.zeros_like(power[:1]), power[1:]])
     return p["time_constant"] * low_passed(xp, s.t, power, p["time_constant"])
 
 
 def _squares(field: str, most: int | None = None) -> Make:
-    """The squared length of a vector of the state, or of its first numbers, for every channel."""
+    """Squared length of a vector of the state, or of its first ``most`` numbers, for every channel."""
     return lambda xp, s, p: xp.broadcast_to((getattr(s, field)[:, :most] ** 2).sum(1)[:, None], (len(s.t), 6))
 
 
@@ -280,5 +280,5 @@ FORMS = {
         Form("noise", "joints", "channels", "(rad/s)^2", _squares("dq")),
     )
 }
-"""(drive, form) -> how its series is made."""
+"""(drive, name of the form) -> form."""
 DRIVES = tuple(dict.fromkeys(drive for drive, _ in FORMS))

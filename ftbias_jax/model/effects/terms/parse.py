@@ -12,7 +12,7 @@ from ftbias_jax.model.effects.terms.types import ACTS_AS, FRAMES, Parameter, Ter
 from ftbias_jax.setup.fields import nearest, show
 
 TERM = "term"
-"""Of the effect."""
+"""Key of the terms among the effects of a setup."""
 FIXED = ("drive", "form", "frame", "acts_as", "joint", "columns", "point", "coefficients", "text")
 
 MakeError = Callable[..., FtbiasError]
@@ -20,7 +20,7 @@ MakeError = Callable[..., FtbiasError]
 
 
 def parse_terms(sections: Any, error: MakeError = SetupError) -> dict[str, Term]:
-    """Terms by the number of their section, from 1, of ``effects["term"]`` of a setup.
+    """Terms of ``effects["term"]`` of a setup, keyed by the number of their section, from 1.
 
     Raises:
         SetupError: an unknown drive, form or key, a missing or wrong number.
@@ -87,7 +87,7 @@ def _term(section: Mapping[str, Any], number: int, error: MakeError) -> Term:
 
 
 def section_of(term: Term, text: str = "") -> dict[str, Any]:
-    """A term as a setup states it."""
+    """Section of a setup that states a term."""
     section: dict[str, Any] = {"text": text} if text else {}
     section |= {"drive": term.drive, "form": term.form, "frame": term.frame, "acts_as": term.acts_as}
     section |= {"joint": term.joint} if term.joint else {}
@@ -98,7 +98,7 @@ def section_of(term: Term, text: str = "") -> dict[str, Any]:
 
 
 def flat_numbers(terms: Mapping[str, Term]) -> dict[str, Any]:
-    """What is not text in terms: ``1.coefficients``, ``1.point``, ``1.time_constant``, ..."""
+    """Numeric values of terms by name: ``1.coefficients``, ``1.point``, ``1.time_constant``, ..."""
     return {
         f"{number}.{name}": value
         for number, term in terms.items()

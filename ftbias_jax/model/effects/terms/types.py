@@ -1,4 +1,4 @@
-"""What a term and its form are, and what of a log its drive may be."""
+"""Types of a term, of its form, and of the state of a log from which drives are computed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ ACTS_AS = ("force", "torque", "wrench", "bias", "noise")
 
 
 class State(NamedTuple):
-    """One log as the drives see it; vectors in base axes. Arrays of NumPy or of JAX."""
+    """One log as input of the drives; vectors in base axes, arrays of NumPy or of JAX."""
 
     t: Array
     """(T,) s since the first sample."""
@@ -43,7 +43,7 @@ class State(NamedTuple):
     axes: Array
     """(T, n, 3) unit axis of each joint; zero of a prismatic one."""
     counts: Array
-    """(T,) how many samples every reading is the mean of."""
+    """(T,) number of samples that every reading is the mean of."""
     period: Array
     """() s between those samples."""
 
@@ -54,7 +54,7 @@ Make = Callable[[Any, State, Numbers], Array]
 
 
 class Parameter(NamedTuple):
-    """A number of a form in which it is not linear."""
+    """A parameter in which a form is nonlinear."""
 
     name: str
     unit: str
@@ -72,17 +72,17 @@ class Form(NamedTuple):
     kind: str
     """"scalars", "vectors" or "channels"."""
     unit: str
-    """Of the series; a coefficient has N, Nm or, of the sensor's own channels, their unit per this."""
+    """Unit of the series; a coefficient has N, Nm or, for the sensor's own channels, their unit per this unit."""
     make: Make
     parameters: tuple[Parameter, ...] = ()
     labels: tuple[str, ...] = ("",)
-    """What each series is, where there are several."""
+    """Name of each series, where there are several."""
     forgets: Callable[[Numbers], Array] | None = None
-    """s by the parameters, as ``Effect.forgets``; None = no memory, or one so slow that its start is like a bias."""
+    """Parameters -> s, as ``Effect.forgets``; None = no memory, or one so slow that its start acts like a bias."""
 
     @property
     def series(self) -> int:
-        """S or V, how many series there are."""
+        """Number of series, S or V."""
         return len(self.labels)
 
 
@@ -95,8 +95,7 @@ class Form(NamedTuple):
 class Term:
     """One drive that acts on the tool or on the sensor; a pytree whose numbers are leaves.
 
-    What it makes of the tool, ``coefficients`` times the columns of its form, lowers the reading, as a force on the
-    tool and a bias do.
+    The sum of ``coefficients`` times the columns of its form lowers the reading, as a force on the tool and a bias do.
     """
 
     drive: str
@@ -104,12 +103,12 @@ class Term:
     frame: str
     acts_as: str
     joint: int
-    """From 1; 0 = all joints, or a drive that speaks of none."""
+    """Number of the joint, from 1; 0 = all joints, or a drive that refers to none."""
     used: tuple[int, ...]
     """Columns of the form that the coefficients belong to; () = all, in order."""
     parameters: dict[str, Array]
-    """Numbers of the form in which it is not linear, such as a time constant, s; (N,) where there may be several."""
+    """Parameters in which the form is nonlinear, such as a time constant, s; (N,) where there may be several."""
     point: Array
-    """(3,) m, sensor frame: where a force acts, and where the motion is taken."""
+    """(3,) m, sensor frame: point at which a force acts, and whose motion drives it."""
     coefficients: Array
-    """(K,)."""
+    """(K,), one per used column."""
