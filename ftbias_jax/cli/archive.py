@@ -1,4 +1,4 @@
-"""A command over an archive of logs: resumable, by several processes or machines, one result and one line a log."""
+"""Commands over archives of logs: resumable, on several processes or machines, one result and manifest line per log."""
 
 from __future__ import annotations
 
@@ -42,43 +42,43 @@ VERBS = {
     "tune": "tuning to",
 }
 BUNDLE = 1.0
-"""s of work that a cluster's worker is given at once."""
+"""s; target duration of the bundle of tasks that a worker of a cluster receives at a time."""
 KILLED = "its process was killed: too little memory? (give it more, or work on it alone)"
 
 
 class Done(NamedTuple):
-    """What became of a log that did not fail."""
+    """Outcome of a log that did not fail."""
 
     status: str
     samples: int
     remarks: tuple[str, ...]
-    """What was mended or lost, and mistakes of the setup that the log shows."""
+    """Repairs and losses of samples, and mistakes of the setup that the log shows."""
     quality: dict[str, Any]
     beside: tuple[str, ...] = ()
-    """Paths of files that were written beside the result."""
+    """Paths of further files that were written for the log."""
 
     @classmethod
     def of(cls, repairs: Repairs, samples: int, quality: dict[str, Any]) -> Done:
-        """A log of which nothing is remarked but what was mended or left out."""
+        """Outcome of a log whose only remarks are its repairs; its status is LOSS if one of them lost samples."""
         status = LOSS if any(repair.lost for repair in repairs) else OK
         return cls(status, samples, tuple(repair.what for repair in repairs), quality)
 
 
 Work = Callable[[str, str, Setup, Mapping[str, Any]], Done]
-"""Log, output, setup and what was asked for -> what became of the log; can be pickled."""
+"""Function (log, output, setup, options) -> outcome of the log; must be picklable."""
 
 
 class Job(NamedTuple):
-    """What a command does with every log; can be pickled."""
+    """Work of a command on every log of an archive; picklable."""
 
     settings: Settings
     place: Place
-    """Of the results."""
+    """Location of the results."""
     work: Work
     setup: Setup
     asked: Mapping[str, Any]
     own: tuple[str, ...] = ()
-    """Files of the user's own effects; every process runs their code itself, because code cannot be sent to it."""
+    """Files or packages of the user's own effects; every process imports them, because code cannot be sent to it."""
 
 
 def for_each_log(
@@ -91,24 +91,24 @@ def for_each_log(
     single: Sequence[str],
     beside: Sequence[str] = (),
 ) -> int:
-    """Do a command's work with every log by itself, into a folder, unless it is done; tell what became of every log.
+    """Run a command on every log separately, into a folder, skip logs that are done, and print every outcome.
 
     Args:
-        arguments: of the command.
-        setup: of all logs.
-        work: what to do with a log.
-        asked: what the results depend on beside the setup, plain numbers and words.
-        suffix: of the results.
-        single: options that are for a single answer.
-        beside: suffixes of what else is written for a log.
+        arguments: parsed arguments of the command.
+        setup: setup of all logs.
+        work: function that processes one log.
+        asked: options on which the results depend in addition to the setup, plain numbers and strings.
+        suffix: suffix of the results.
+        single: options that are only valid for a single result.
+        beside: suffixes of further files that are written for each log.
 
     Returns:
         1 if all logs failed, or the check found mistakes; 3 if some failed or lost samples; else 0.
 
     Raises:
-        UsageError: an option of a single answer, no log, or two files of one name. LogError: a folder cannot be read,
-            or a manifest is larger than they get. SetupError: [log.files] leads out of the logs' folders. OutputError:
-            the manifest cannot be written.
+        UsageError: an option for a single result is given, there is no log, or two files have the same name. LogError:
+            a folder cannot be read, or a manifest exceeds its maximum size. SetupError: [log.files] leads out of the
+            logs' folders. OutputError: the manifest cannot be written.
     """
     for option in single:
         if getattr(arguments, option):
@@ -160,9 +160,9 @@ def for_each_log(
 def _find_tasks(
     arguments: argparse.Namespace, setup: Setup, suffix: str, beside: Sequence[str], contents: Contents
 ) -> tuple[list[Task], str]:
-    """The logs of this machine's share, and the name of its manifest; nothing would be written over an input."""
+    """This machine's share of the logs and the name of its manifest, after a check that no input is overwritten."""
     if not setup.log.allow_outside:
-        check_patterns(setup.log.files, setup.path)  # before anybody asks how large what they name is
+        check_patterns(setup.log.files, setup.path)  # before the sizes of the named files are queried
     (index, count), place, command = arguments.shard, Place(arguments.output), arguments.command
     every = find_logs(arguments.logs, place.root, suffix, setup.log.files)
     manifest = manifest_name(command, index, count)
@@ -181,7 +181,7 @@ def _find_tasks(
 
 
 def _check_replaceable(place: Place, names: Iterable[str], answer: str) -> None:
-    """Refuse files to be replaced, none of which the manifests know, that are none of ours by their content."""
+    """Refuse to replace files that no manifest lists and that this program did not write, judging by their content."""
     for name in names:
         kind = {".html": PAGE, ".toml": SETUP, ".json": answer}.get(os.path.splitext(name)[1], RESULT)
         with place.reading(written(name)) as folder:
@@ -189,9 +189,9 @@ def _check_replaceable(place: Place, names: Iterable[str], answer: str) -> None:
 
 
 def run_tasks(job: Job, tasks: Iterable[Task], jobs: int, executor: str | None = None) -> Iterator[Entry]:
-    """Entries as they get ready, from this process (``jobs`` = 1), from so many, or from the workers of a cluster."""
+    """Yield entries as they become ready, from this process (``jobs`` = 1), ``jobs`` processes or a cluster."""
     named = {task.output: task for task in tasks}
-    if executor:  # whose workers have other current folders
+    if executor:  # its workers have other working directories
         own = tuple(from_anywhere(one) if os.path.isfile(one) else one for one in job.own)  # or names of packages
         job = job._replace(place=Place(from_anywhere(job.place.root)), own=own)
     work = partial(do_task, job=job)
@@ -225,7 +225,7 @@ def _on_cluster(
 
 
 def do_task(task: Task, job: Job) -> Entry:
-    """Work on one log; what goes wrong is in the entry, because the other logs go on."""
+    """Process one log; an error is recorded in its entry, because the other logs are still to be processed."""
     started, entry = time.perf_counter(), _entry(task, job)
     try:
         entry = entry._replace(state=with_sum(state_of(task.paths), task.paths))
@@ -249,20 +249,20 @@ def do_task(task: Task, job: Job) -> Entry:
         entry = found
     except FtbiasError as error:
         entry = entry._replace(error=str(error))
-    except Exception as error:  # a bug, or no memory: this log's alone
+    except Exception as error:  # a bug or lack of memory must not stop the other logs
         entry = entry._replace(error=printable(f"{shown(task.log)}: {type(error).__name__}: {error}"))
     forget()
     return entry._replace(seconds=round(time.perf_counter() - started, 4), done=round(time.time(), 3))
 
 
 def _entry(task: Task, job: Job) -> Entry:
-    """Of a log that has failed, unless more is known."""
+    """Entry of a failed log, completed later if the log succeeds."""
     files = tuple(map(shown, task.files))
     return Entry(shown(task.log), task.output, job.settings.job, FAILED, settings=job.settings.key, files=files)
 
 
 def _table(entries: Sequence[Entry], skipped: int) -> str:
-    """A line for every log that is not whole, and the counts."""
+    """Text with a line for every log whose status is not OK, and the number of logs by status."""
     troubled = [entry for entry in entries if entry.status != OK]
     whys = [printable(entry.error or f"{entry.log}: {'; '.join(entry.repairs)}") for entry in troubled]
     lines = [f"{entry.status:9s}  {why}" for entry, why in zip(troubled, whys, strict=True)]

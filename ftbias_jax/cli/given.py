@@ -1,4 +1,4 @@
-"""What a command is given: its setup, its logs, the files that it may write, and JAX."""
+"""Inputs and outputs common to the commands: setup, logs, files that may be written, and the start of JAX."""
 
 import argparse
 from collections.abc import Callable, Iterable, Mapping
@@ -13,12 +13,12 @@ from ftbias_jax.setup import Setup, load_setup
 
 
 def setup_of(arguments: argparse.Namespace, **more: Any) -> Setup:
-    """The setup that ``--setup`` names; further arguments are those of ``load_setup``."""
+    """Load the setup that ``--setup`` names; further arguments are passed to ``load_setup``."""
     return load_setup(arguments.setup, allow_outside=arguments.allow_outside, **more)
 
 
 def start_jax() -> None:
-    """Get JAX ready, once it is known that what is asked for can be done: importing it takes half a second."""
+    """Import and configure JAX, after all checks of the arguments, because the import takes half a second."""
     from ftbias_jax.runtime.jax_config import prepare_jax
 
     prepare_jax()
@@ -31,18 +31,18 @@ def logs_of(
     also: Mapping[str, str] | None = None,
     stated: Iterable[str] | None = None,
 ) -> list[str]:
-    """The logs that a command names, once it is sure that its outputs can be written and replace nothing of others.
+    """Paths of the logs that a command names, after checks that its outputs can be written and overwrite no other file.
 
     Args:
-        arguments: of the command; ``in_place``, where it has it, lets the output be the setup.
-        setup: of the logs.
-        kinds: option -> what it writes (``write.outputs``).
-        also: what is written beside that.
-        stated: files that are read beside the logs; None = those of the setup.
+        arguments: parsed arguments of the command; ``in_place``, if it exists, permits the output to be the setup.
+        setup: setup of the logs.
+        kinds: option -> kind of its output (``write.outputs``).
+        also: further outputs, description -> path.
+        stated: files that are read in addition to the logs; None = those of the setup.
 
     Raises:
-        UsageError: an argument names no log, a suffix does not fit, or two files are one. OutputError: a folder does
-            not exist, or a file is there that no command wrote as the same. LogError: a folder cannot be read.
+        UsageError: an argument names no log, a suffix does not fit, or two files are the same. OutputError: a folder
+            does not exist, or an existing file is not of the same kind of output. LogError: a folder cannot be read.
     """
     outputs = {option: getattr(arguments, option.strip("-")) for option in kinds} | dict(also or {})
     in_place = getattr(arguments, "in_place", False)
@@ -62,10 +62,10 @@ def logs_of(
 
 
 def only(paths: list[str], result: str) -> str:
-    """The one log that a single result can be of.
+    """The only log, for a command that writes a single result.
 
     Raises:
-        UsageError: there are several.
+        UsageError: there are several logs.
     """
     if len(paths) > 1:
         remedy = "give -o a folder's name, without a suffix"
@@ -74,7 +74,7 @@ def only(paths: list[str], result: str) -> str:
 
 
 def write_answers(answers: Mapping[str | None, Callable[[str], object]]) -> None:
-    """Write the answers that are asked for, path -> what writes it, and print their paths; "" or None = not asked."""
+    """Write the requested outputs, path -> function that writes it, and print the paths; "" or None = not requested."""
     asked = {path: write for path, write in answers.items() if path}
     for path, write in asked.items():
         write(path)
@@ -83,5 +83,5 @@ def write_answers(answers: Mapping[str | None, Callable[[str], object]]) -> None
 
 
 def save_setup(save: Callable[..., object], output: str, arguments: argparse.Namespace, by: str) -> None:
-    """Write the setup that a command found, by its method ``save``, over the one that was read if it was told so."""
+    """Write a command's setup with its method ``save``, with ``--in-place`` over the setup that was read."""
     save(behind_link(output, arguments.in_place), by="" if arguments.in_place else by)

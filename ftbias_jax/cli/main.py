@@ -18,20 +18,20 @@ from ftbias_jax.errors import FtbiasError
 from ftbias_jax.runtime.imports import many_imports
 
 DECIDED_HERE = {
-    "JAX_ENABLE_X64": "",  # many have it; commands choose the precision
+    "JAX_ENABLE_X64": "",  # is often set; commands choose the precision
     "JAX_DEBUG_NANS": "because NaN means that nothing was measured",
     "JAX_DEBUG_INFS": "because NaN means that nothing was measured",
 }
-"""Variables of JAX that do not hold for commands, and why; "" = nobody need be told."""
+"""JAX environment variables that commands ignore, with the reason given in a warning; "" = no warning."""
 SHELLS = ("bash", "zsh", "tcsh")
-"""For which the extra 'completion' has scripts."""
+"""Shells for which the extra 'completion' provides scripts."""
 INTERRUPTED = "interrupted, nothing more was written"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code. Known errors become one line on standard error."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if arguments is None:  # a process of its own
+    if arguments is None:  # called as a program
         from ftbias_jax.runtime.signals import end_on_signals
 
         end_on_signals(f"ftbias: {INTERRUPTED}\n")
@@ -57,14 +57,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"ftbias: {INTERRUPTED}", file=sys.stderr)
         return 1
-    except BrokenPipeError:  # what is still in the buffer has no reader either
+    except BrokenPipeError:  # the rest of the buffer has no reader either
         if arguments is None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """The whole command line."""
+    """Parser of the whole command line."""
     parser = argparse.ArgumentParser(
         prog="ftbias",
         description="Bias and drift of a wrist force-torque sensor from a recorded log.",
@@ -85,10 +85,10 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 class PrintCompletion(argparse.Action):
-    """Print the script that makes a shell complete commands and options, and end."""
+    """Argparse action that prints a shell's completion script for commands and options, and exits."""
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: object, shell: Any, *_: object) -> None:
-        """As argparse calls it."""
+        """Print the script of ``shell`` and exit."""
         try:
             shtab = importlib.import_module("shtab")
         except ImportError:
@@ -98,7 +98,7 @@ class PrintCompletion(argparse.Action):
 
 
 def _misspelt_command(parser: argparse.ArgumentParser, words: Sequence[str]) -> str:
-    """What to say of a first word that is nearly a command; "" if it is one, or nothing like one."""
+    """Message about a first word that resembles a command; "" if it is a command, or resembles none."""
     (commands,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
     if not words or words[0] in commands.choices:
         return ""

@@ -1,4 +1,4 @@
-"""The parsers of commands: from the table of all options, commands.toml, and kinds of values (text -> value)."""
+"""Build the parsers of commands from the table of all options, commands.toml; converters of option values."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 COMMANDS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("commands.toml").read_text(encoding="utf-8"))
-"""Name -> what ``ftbias --help`` and a command's own ``--help`` say, and what the command takes."""
+"""Command -> its texts in ``ftbias --help`` and in its own ``--help``, and its options."""
 SHARED: dict[str, Any] = COMMANDS.pop("shared")
-"""Options and groups of several commands."""
+"""Options and argument groups that several commands share."""
 
 
 def _whole(least: int, most: int) -> Callable[[str], int]:
@@ -31,7 +31,7 @@ def _number(least: float, most: float, what: str) -> Callable[[str], float]:
         try:
             value = float(text)
         except ValueError:
-            value = float("nan")  # which no comparison accepts
+            value = float("nan")  # fails every comparison
         if not least <= value <= most:
             raise ArgumentTypeError(f"must be {what}, not {text!r}")
         return value
@@ -40,15 +40,15 @@ def _number(least: float, most: float, what: str) -> Callable[[str], float]:
 
 
 count, restarts, seed = _whole(1, 100_000), _whole(0, 1024), _whole(0, 2**32 - 1)
-"""Of logs or processes; further starts of a fit; of random numbers."""
+"""Converters of a number of logs or processes, of a number of restarts of a fit, and of a random seed."""
 positive = _number(math.ulp(0.0), sys.float_info.max, "a positive number")
 share = _number(0, 0.9, "a share from 0 to 0.9")
-"""Of a log, which leaves some of it."""
+"""Converter of a share of a log or of a limit; at most 0.9, so that some of it is left."""
 gate = _number(1, sys.float_info.max, "1 or more standard deviations")
 
 
 def fields(text: str) -> tuple[str, ...]:
-    """Names of a result's arrays, by commas."""
+    """Comma-separated names of a result's arrays -> tuple of names."""
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     if not names:
         raise ArgumentTypeError("names no field")
@@ -77,11 +77,11 @@ KINDS: dict[str, Callable[[str], Any]] = {
     **{"count": count, "restarts": restarts, "seed": seed, "positive": positive, "share": share, "gate": gate},
     **{"float": float, "fields": fields, "shard": shard, "process": process},
 }
-"""By the names that they have in the table."""
+"""Name in commands.toml -> converter of an option's text."""
 
 
 def add_command(commands: argparse._SubParsersAction[argparse.ArgumentParser], name: str) -> None:
-    """Add the parser of a command to those of the whole command line."""
+    """Add the parser of one command to the subparsers of the command line."""
     stated = COMMANDS[name]
     words = {what: stated.get(what) for what in ("help", "description", "epilog")}
     parser = commands.add_parser(name, **words)
@@ -94,7 +94,7 @@ def add_command(commands: argparse._SubParsersAction[argparse.ArgumentParser], n
 
 
 def _add_options(parser: argparse._ActionsContainer, options: Mapping[str, Any], either: Sequence[str] = ()) -> None:
-    """Add options to a parser or to a group of one; of those that ``either`` names one may be given."""
+    """Add options to a parser or an argument group; those that ``either`` names are mutually exclusive."""
     exclusive = parser.add_mutually_exclusive_group() if either else parser
     for name, stated in options.items():
         given = SHARED["options"][name] if stated is True else stated

@@ -1,1 +1,1 @@
-"""Many logs: which there are, what became of each, and what a fleet of robots shows over time."""
+"""Archives of logs: finding logs, recording the outcome of each, and monitoring a fleet of robots over time."""

@@ -1,6 +1,6 @@
-"""What somebody should look at: a bias that ages, predictions that get worse, causes and mistakes that appear.
+"""Alarms of a fleet: a bias that ages, predictions that get worse, causes and mistakes that appear.
 
-Changes over many logs count where they are more than their scatter.
+A change over many logs raises an alarm only if it exceeds the scatter of the logs.
 """
 
 from __future__ import annotations
@@ -17,40 +17,40 @@ from ftbias_jax.types import AXES, AXIS_UNITS, Array
 
 MONTH = 30 * 86400.0
 LEAST_BIAS = 3.0
-"""Standard deviations of the bias itself that it must have changed by."""
+"""Minimum change of a bias that ages, in standard deviations of the bias itself."""
 LEAST_WORSE = 1.2
-"""Factor by which errors of prediction must have grown."""
+"""Minimum factor by which prediction errors must have grown."""
 LEAST_LOGS = 12
-"""That a trend is looked for in."""
+"""Minimum number of logs for which a trend is fitted."""
 MOST_BINS = 60
-"""Medians of more logs are fitted, so that single ones do not matter."""
+"""Maximum number of points of a trend; more logs are reduced to medians, so that single ones do not matter."""
 SIGMAS = 5.0
-"""Standard errors from which a slope is one: many axes are looked at, and errors of few logs are not well known."""
+"""Minimum slope in standard errors: many axes are tested, and errors from few logs are themselves poorly known."""
 WALKS, WALK_SHARE = 0.5, 0.6
-"""Correlation of neighbouring residuals from which they may be a random walk, as biases are, and share of SIGMAS that a
-slope must then have of what such a walk makes by itself. Of 2,000 made histories each of white noise, of correlated
-noise (0.7) and of random walks, with 12 to 400 logs, at most 2 in 100 have a slope then."""
+"""Lag-one correlation of the residuals above which they may be a random walk, as biases are, and share of the slope's
+standard deviation under such a walk that is then its least standard error. Of 2,000 simulated histories each of white
+noise, correlated noise (0.7) and random walks, with 12 to 400 logs, at most 2 in 100 then have a significant slope."""
 FEW = 30
-"""Bins in which a random walk is indistinguishable from other scatter."""
+"""Number of bins below which a random walk is indistinguishable from other scatter."""
 LEAST_GAIN = 3.3
-"""nats from which something has appeared: 3 logs with it after 2 without, 2 after 3."""
+"""Minimum gain, nats, for which something has appeared: 3 logs with it after 2 without, or 2 after 3."""
 
 
 class Alarm(NamedTuple):
     """One change of one robot and sensor."""
 
     kind: str
-    """"ages", "worse", "appears" or "pooled"."""
+    """Kind of change: "ages", "worse", "appears" or "pooled"."""
     about: str
     """The axis, or the name of the cause."""
     text: str
-    """In words and numbers."""
+    """Description in words and numbers."""
     since: float
-    """s since 1970."""
+    """s since 1970, start of the change."""
 
 
 def alarms_of(records: Sequence[FleetLog], courses: Sequence[Course] = ()) -> list[Alarm]:
-    """The alarms of one robot and sensor, whose records are in the order of time, and its causes of pooled logs."""
+    """Alarms of one robot and sensor, from its records in order of time and the causes found in its pooled logs."""
     whole = [record for record in records if record.quality]
     began = [course for course in courses if course.begins != ALL_ALONG]
     pooled = [Alarm("pooled", one.effect, f"logs together show {course_words(one)}", one.since) for one in began]
@@ -58,7 +58,7 @@ def alarms_of(records: Sequence[FleetLog], courses: Sequence[Course] = ()) -> li
 
 
 def bias_trend(records: Sequence[FleetLog], axis: int) -> Trend | None:
-    """The trend of the bias of an axis, if it ages."""
+    """Trend of the bias of an axis, or None if it does not age."""
     bias, std = (values_of(records, name)[:, axis] for name in ("bias", "bias_std"))
     found = trend(dates(records), bias)
     if found is None or not found.is_sure or not np.isfinite(std).any():
@@ -67,22 +67,22 @@ def bias_trend(records: Sequence[FleetLog], axis: int) -> Trend | None:
 
 
 def values_of(records: Sequence[FleetLog], name: str) -> Array:
-    """(N, 6) numbers of the quality of all logs."""
+    """(N, 6) values of one quality metric of all logs, by axis."""
     return np.array([record.numbers(name) for record in records]).reshape(-1, 6)
 
 
 def scalars_of(records: Sequence[FleetLog], name: str) -> Array:
-    """(N,) numbers of the quality of all logs."""
+    """(N,) values of one scalar quality metric of all logs."""
     return np.array([record.numbers(name, 1)[0] for record in records])
 
 
 def dates(records: Sequence[FleetLog]) -> Array:
-    """(N,) s since 1970."""
+    """(N,) s since 1970, dates of the logs."""
     return np.array([record.date for record in records])
 
 
 def size(values: Array) -> Array:
-    """(N, 2) sizes of force and torque of (N, 6) numbers by axis."""
+    """(N, 2) norms of force and torque of (N, 6) values by axis."""
     return np.stack([np.sqrt((values[:, axes] ** 2).sum(1)) for axes in (slice(0, 3), slice(3, 6))], 1)
 
 
@@ -131,26 +131,26 @@ class Trend(NamedTuple):
     """Units of the quantity per second."""
     stderr: float
     change: float
-    """From the first to the last log along the line."""
+    """Change from the first to the last log along the line."""
     first: float
-    """s, the first log."""
+    """s, date of the first log."""
     end: float
-    """s, the last log."""
+    """s, date of the last log."""
     start: float
-    """The line's value at the first log."""
+    """Value of the line at the first log."""
 
     @property
     def is_sure(self) -> bool:
-        """Whether it is more than scatter, also if that is correlated from log to log."""
+        """Whether the slope exceeds the scatter, even if that is correlated from log to log."""
         return bool(abs(self.slope) > SIGMAS * self.stderr)
 
 
 def trend(t: Array, y: Array) -> Trend | None:
-    """The line through medians of neighbouring logs; its error grows with what its residuals have in common.
+    """Straight line through medians of neighbouring logs, with a standard error that allows for correlated residuals.
 
-    Neighbours in time have the same temperature and the same load, so their residuals are correlated; with correlation
-    r from one to the next, n of them count as n (1 - r) / (1 + r) (Santer et al. 2000). Stamps (N,) s are in order;
-    values (N,) may be NaN, not known. None of too few logs, or if all are of one time.
+    Logs close in time share temperature and load, so their residuals are correlated; with lag-one correlation r, n of
+    them count as n (1 - r) / (1 + r) (Santer et al. 2000). Stamps ``t`` (N,) s are in ascending order; values ``y``
+    (N,) may be NaN = unknown. Returns None for too few logs, or if all have the same date.
     """
     seen = np.isfinite(t) & np.isfinite(y)
     t, y = t[seen], y[seen]
@@ -167,22 +167,22 @@ def trend(t: Array, y: Array) -> Trend | None:
     if square <= 0:
         return Trend(slope, 0.0, *line)
     r = float(left[1:] @ left[:-1]) / square
-    r = float(np.clip(r + (1 + 4 * r) / count, 0.0, 0.99))  # what is fitted to n points is less correlated by 1/n
+    r = float(np.clip(r + (1 + 4 * r) / count, 0.0, 0.99))  # a fit to n points lowers the correlation by about 1/n
     effective = max(count * (1 - r) / (1 + r), 2.5)
     stderr = float(np.sqrt(square / (effective - 2) / spread))
     if r > WALKS or count < FEW:
         steps = np.diff(m)
-        usual = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))  # one jump makes no walk
+        usual = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))  # one jump is not a random walk
         walked = np.sqrt(1.2 * count) * usual / (t[-1] - t[0])
         stderr = max(stderr, WALK_SHARE * walked)
     return Trend(slope, stderr, *line)
 
 
 def appears(flags: Sequence[bool]) -> int | None:
-    """From which log on something is there that was not there before; None = it is not, or it has always been.
+    """Index of the log at which something appeared; None = it is absent, or has always been present.
 
-    The split into before and after that makes the flags likeliest must beat one share for all by LEAST_GAIN nats, most
-    logs after it and few before it must have the flag, and so must the last one or the one before.
+    The likeliest split into before and after must gain LEAST_GAIN nats over a common share for all logs. Most logs
+    after it and few before it must have the flag, and so must one of the last two logs.
     """
     values = np.asarray(flags, bool)
     count = len(values)
@@ -199,7 +199,7 @@ def appears(flags: Sequence[bool]) -> int | None:
 
 
 def _nats(hits: Array, count: Array) -> Array:
-    """Largest log-likelihood of so many hits."""
+    """Maximum log-likelihood, nats, of ``hits`` successes in ``count`` trials."""
     share = np.asarray(hits) / count
     with np.errstate(divide="ignore", invalid="ignore"):
         terms = np.where(share > 0, share * np.log(share), 0) + np.where(share < 1, (1 - share) * np.log1p(-share), 0)

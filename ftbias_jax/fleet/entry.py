@@ -1,8 +1,8 @@
-"""What the manifest says about one log, and what a result depends on; a line is checked when it is read.
+"""Manifest entry of one log, and the settings on which its result depends; every line is validated when it is read.
 
-A manifest can be damaged, edited or made by somebody else. Whatever passes here can be compared, drawn, written as a
-table and shown as a date without further checks. A check raises ValueError, TypeError, KeyError, AttributeError or
-OverflowError on a line that the program does not write.
+A manifest can be damaged, edited or made by somebody else. Whatever passes validation can be compared, plotted, written
+as a table and shown as a date without further checks. Validation raises ValueError, TypeError, KeyError, AttributeError
+or OverflowError on a line that this program does not write.
 """
 
 import hashlib
@@ -19,83 +19,83 @@ from ftbias_jax.io.write.provenance import FIRST_DATE, LAST_DATE, sha256_of, sha
 from ftbias_jax.setup import Setup, dump_setup
 
 OK, LOSS, MISTAKES, FAILED = "ok", "data loss", "mistakes", "failed"
-"""What became of a log; MISTAKES: the check found some in its setup."""
+"""Status of a log; MISTAKES: the check found mistakes in its setup."""
 DONE = (OK, LOSS, MISTAKES)
-"""There is a result, which need not be made again."""
+"""Statuses of logs that have a result, which need not be made again."""
 LATEST_NS = 2**63 - 1
-"""ns since 1970, the year 2262: what tables can hold. File systems know later times, which owners may set."""
+"""ns since 1970, latest time that tables can hold, in the year 2262; file systems allow owners to set later ones."""
 
 
 class Settings(NamedTuple):
-    """What all logs of a run are worked on with; another result would come out if the first four changed."""
+    """Settings of a run, common to all its logs; the results depend on the first four fields."""
 
     job: str
     """The command, such as "filter"."""
     setup_sha256: str
-    """Of the setup with all that it takes from a URDF, and without its comments."""
+    """SHA-256 of the setup, including what it takes from a URDF, without its comments."""
     choices: dict[str, Any]
-    """Options of the command, and the sums of files with effects of one's own."""
+    """Options of the command, and the SHA-256 of files with the user's own effects."""
     version: str
     setup: str = ""
-    """Path of the setup, for readers."""
+    """Path of the setup; informative only."""
     robot: str = ""
-    """Which robot it is, for readers."""
+    """Name of the robot; not part of the key."""
     sensor: str = ""
-    """Which sensor it is, for readers."""
+    """Name of the sensor; not part of the key."""
 
     @property
     def key(self) -> str:
-        """By which the entries of a manifest name their settings."""
+        """Hash by which the entries of a manifest refer to their settings."""
         text = json.dumps(self[:4], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 class LogState(NamedTuple):
-    """By what one sees that a log is another one than before."""
+    """State of a log's files, by which a changed log is recognised."""
 
     bytes: int
     modified_ns: int
-    """Time of its last change, as its owner may set it."""
+    """Time of the last change, ns since 1970; the owner of the file may set it."""
     changed_ns: int
-    """Time of the last change of it or of its name, by the operating system's clock; 0 = not known."""
+    """Time of the last change of content or name by the operating system's clock, ns since 1970; 0 = unknown."""
     sha256: str
-    """Of its content; "" = not known."""
+    """SHA-256 of the content; "" = unknown."""
 
 
 class Entry(NamedTuple):
-    """What the manifest says about one log."""
+    """Manifest entry of one log."""
 
     log: str
     output: str
-    """Path of the result, from the output folder; "" of a log that has none."""
+    """Path of the result relative to the output folder; "" = no result."""
     job: str = "filter"
     status: str = FAILED
     """OK, LOSS, MISTAKES or FAILED."""
     error: str = ""
-    """One line, if it failed."""
+    """Error message in one line, if the log failed."""
     repairs: tuple[str, ...] = ()
-    """What was mended or left out, and what the check says."""
+    """Repairs and losses of samples, and findings of the check."""
     samples: int = 0
-    """Of the wrench."""
+    """Number of wrench samples."""
     output_bytes: int = 0
     seconds: float = 0.0
-    """That it took."""
+    """s, processing time."""
     done: float = 0.0
-    """s since 1970 when it was done; of two entries for one result the later one holds."""
+    """s since 1970, time of completion; of two entries for one result, the later one is valid."""
     state: LogState = LogState(0, 0, 0, "")
-    """Of the log when it was read."""
+    """State of the log when it was read."""
     settings: str = ""
-    """``Settings.key``."""
+    """``Settings.key`` of the run."""
     quality: Mapping[str, Any] = {}
-    """How good the log and its model are (``quality``); {} = not known."""
+    """Quality metrics of the log and its model (module ``quality``); {} = unknown."""
     files: tuple[str, ...] = ()
-    """Its files, if it has several; () = the log itself."""
+    """Files of the log, if it has several; () = the log itself."""
     sums: Mapping[str, str] = {}
-    """SHA-256 of every file that was written for it, by its path from the output folder; {} = not known."""
+    """Path relative to the output folder -> SHA-256, of every file written for the log; {} = unknown."""
 
 
 def settings_of(job: str, setup: Setup, choices: Mapping[str, Any], own: Iterable[str] = ()) -> Settings:
-    """What a run works with, plain ``choices`` and ``own`` effects in files; the setup is hashed once for all logs."""
+    """Settings of a run with plain ``choices`` and ``own`` files of effects; the setup is hashed once for all logs."""
     sums = {f"effects {path}": sha256_of(path) for path in own if Path(path).is_file()}
     setup_sha256 = hashlib.sha256(dump_setup(setup).encode()).hexdigest()
     robot = setup.robot.name or f"{setup.robot.model} ({setup.path})"
@@ -103,7 +103,7 @@ def settings_of(job: str, setup: Setup, choices: Mapping[str, Any], own: Iterabl
 
 
 def state_of(paths: Sequence[str]) -> LogState:
-    """Size and times of the files of a log together, without their sum; a folder stands for its files."""
+    """Total size and latest times of the files of a log, without their SHA-256; a folder stands for its files."""
     there = [size_and_time(path) for path in paths if is_url(path)]
     local = [Path(path) for path in paths if not is_url(path)]
     files = [file for path in local for file in (path.rglob("*") if path.is_dir() else [path])]
@@ -122,23 +122,23 @@ def with_sum(state: LogState, paths: Sequence[str]) -> LogState:
 
 
 def is_same(before: LogState, now: LogState, paths: Sequence[str]) -> LogState | None:
-    """The state of a log as it is now, if its content is that of an earlier state; None if it is another.
+    """Current state of a log if its content is that of an earlier state, else None.
 
-    Nobody can change a file and keep the operating system's time of change, so a log with the same times is not read.
-    With others it is: a copy or a restored backup has other times and the same content.
+    A file cannot be changed without a new change time of the operating system, so a log with the same times is not
+    read. Otherwise it is read, because a copy or a restored backup has other times but the same content.
     """
     if now.bytes != before.bytes:
         return None
     if (now.modified_ns, now.changed_ns) == (before.modified_ns, before.changed_ns):
         return before
-    if not before.sha256:  # of a manifest without sums
+    if not before.sha256:  # an earlier version wrote the entry
         return before if now.modified_ns == before.modified_ns and not before.changed_ns else None
     summed = with_sum(now, paths)
     return summed if summed.sha256 == before.sha256 else None
 
 
 MOST = 1e100
-"""Of other numbers, so that their squares are numbers, too."""
+"""Maximum absolute value of other numbers, so that their squares are finite."""
 SIX = (
     "one_second_error", "residual_std", "raw_std",
     "bias", "bias_std", "drift", "drift_std",
@@ -146,20 +146,20 @@ SIX = (
 )  # fmt: skip
 THREE = ("center_of_mass", "center_of_mass_std")
 VECTORS = {**dict.fromkeys(SIX, 6), **dict.fromkeys(THREE, 3)}
-"""Quantities of a log's quality that are lists of so many numbers."""
+"""Quality metrics that are lists of numbers -> their length."""
 WORDS = ("verdict", "sentence")
 LISTS = ("findings", "causes", "doubtful", "terms")
-"""Quantities that are lists of words; all others but the date are numbers."""
+"""Quality metrics that are lists of strings; all others but WORDS and the date are numbers."""
 
 
 def read_entry(content: Mapping[str, Any]) -> Entry:
-    """An entry from plain dicts, lists, numbers and words; a field that later versions brought may be missing."""
+    """Validated entry from plain dicts, lists, numbers and strings; fields that later versions added may be missing."""
     _need("state" in content)
     return Entry(**_checked(content, _ENTRY))
 
 
 def read_settings(content: Mapping[str, Any]) -> Settings:
-    """Settings from plain dicts, lists, numbers and words."""
+    """Validated settings from plain dicts, lists, numbers and strings."""
     return Settings(**_checked(content, _SETTINGS))
 
 
@@ -168,7 +168,7 @@ def _checked(content: Mapping[str, Any], checks: Mapping[str, Callable[[Any], An
 
 
 def seconds_of(date: str) -> float:
-    """s since 1970 of a date in ISO 8601."""
+    """Date in ISO 8601 -> s since 1970; UTC if it has no time zone."""
     parsed = datetime.fromisoformat(date)
     return ((parsed if parsed.tzinfo else parsed.replace(tzinfo=UTC)) - datetime.fromtimestamp(0, UTC)).total_seconds()
 

@@ -1,4 +1,4 @@
-"""Which logs arguments name, where the result of each goes, and what machines share them."""
+"""Find the logs that arguments name, the path of each result, and the share of each machine."""
 
 import glob
 import os
@@ -16,23 +16,23 @@ from ftbias_jax.io.tables.streams import inputs_of, main_file
 BAG_FOLDER = "metadata.yaml"
 """A folder with this file is one ROS 2 bag; any other is searched."""
 Patterns = Mapping[str, str]
-"""[log.files] of the setup: names of the files of one log by quantity; {} = every log is one file."""
+"""[log.files] of the setup: quantity -> pattern of the name of its file; {} = every log is one file."""
 ONE_FILE: Patterns = MappingProxyType({})
 
 
 class Task(NamedTuple):
-    """One log of many."""
+    """One log of an archive."""
 
     log: str
-    """Its path, as found."""
+    """Path of the log, as found."""
     output: str
-    """Path of the result, from the output folder."""
+    """Path of the result relative to the output folder."""
     files: tuple[str, ...] = ()
-    """Its files, if it has several; () = the log itself."""
+    """Files of the log, if it has several; () = the log itself."""
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """All its files."""
+        """Paths of all files of the log."""
         return self.files or (self.log,)
 
 
@@ -42,7 +42,7 @@ def is_folder(output: str) -> bool:
 
 
 def expand(arguments: Sequence[str], patterns: Patterns = ONE_FILE) -> list[str]:
-    """The logs that arguments name, in their order: folders and patterns become what is in them.
+    """Paths of the logs that arguments name, in their order, with folders and patterns expanded.
 
     Raises:
         UsageError: an argument names no log. LogError: a folder cannot be read.
@@ -52,19 +52,19 @@ def expand(arguments: Sequence[str], patterns: Patterns = ONE_FILE) -> list[str]
 
 
 def inputs(logs: Sequence[str], patterns: Patterns) -> list[str]:
-    """All files of logs that ``expand`` gave."""
+    """All files of the logs that ``expand`` returned."""
     return [path for log in logs for path in inputs_of(log, patterns)]
 
 
 def find_logs(arguments: Sequence[str], folder: str, suffix: str, patterns: Patterns = ONE_FILE) -> list[Task]:
-    """The logs that paths, folders and patterns name, sorted; each has its own result.
+    """Tasks for the logs that paths, folders and patterns name, sorted by path, each with its own result.
 
-    The folder of the results, a path or a URL, is not searched. With patterns, [log.files] of the
-    setup, the file of the wrench names the log and its result.
+    The folder of the results, a path or a URL, is not searched. With ``patterns``, [log.files] of the setup, a log and
+    its result are named after the file of the wrench.
 
     Raises:
-        UsageError: an argument names no log, or two logs would have one result. LogError: a folder cannot be read, or
-            a result would not be in the folder.
+        UsageError: an argument names no log, or two logs would have the same result. LogError: a folder cannot be read,
+            or a result would lie outside the folder.
     """
     results = f"{folder.rstrip('/')}/" if is_url(folder) else os.path.realpath(folder)
     named = [_named_by(argument, results, patterns) for argument in arguments]
@@ -84,16 +84,16 @@ def find_logs(arguments: Sequence[str], folder: str, suffix: str, patterns: Patt
 
 
 def shard(tasks: Sequence[Task], index: int, count: int) -> list[Task]:
-    """The share of one of ``count`` machines, ``index`` from 1."""
+    """Share of the logs of machine ``index``, counted from 1, of ``count`` machines."""
     return list(tasks[index - 1 :: count])
 
 
 def _named_by(argument: str, folder: str, patterns: Patterns) -> tuple[str, list[str]]:
-    """The folder under which an argument's results keep their places, and its logs, of which there are some."""
+    """Folder relative to which an argument's results are placed, and its logs; no log is an error."""
     root, logs = _logs_of(argument, folder)
     if patterns:
         named = {path: main_file(path, patterns) for path in logs}
-        # What is named itself is a log whatever its name, so that it is told; what was only found need not be one.
+        # A path that the user names counts as a log, so that errors are reported; a file that is found need not be one.
         logs = list(dict.fromkeys(log or path for path, log in named.items() if log or path == argument))
     if not logs:
         remedy = "give a log, a folder of logs, or a pattern"
@@ -103,7 +103,7 @@ def _named_by(argument: str, folder: str, patterns: Patterns) -> tuple[str, list
 
 
 def _logs_of(argument: str, folder: str) -> tuple[str, list[str]]:
-    """The folder under which an argument's results keep their places, and its logs."""
+    """Folder relative to which an argument's results are placed, and its logs."""
     if is_url(argument):
         root, slash, _ = shown(argument).partition("*")
         single = not slash and _is_log(root)
@@ -120,7 +120,7 @@ def _logs_of(argument: str, folder: str) -> tuple[str, list[str]]:
 
 
 def _walk(path: str, folder: str, seen: set[str] | None = None) -> list[str]:
-    """A log itself, or the logs in a folder and those below it; a folder that links lead to again is seen once."""
+    """The path if it is a log, else the logs in and below the folder; one that links lead to again is visited once."""
     if not os.path.isdir(path) or _is_bag(path):
         return [path]
     seen, place = set() if seen is None else seen, os.path.realpath(path)

@@ -1,4 +1,4 @@
-"""What the manifests of folders say together: one record a log, by robot and sensor, in the order of time."""
+"""Merge the manifests of folders into one record per log, by robot and sensor, in order of time."""
 
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -16,64 +16,64 @@ from ftbias_jax.types import Array
 
 UNKNOWN = "not named"
 POOLED = ".pooled.json"
-"""How diagnoses of pooled logs are called, for the setup's name in them says of which robot they are."""
+"""Suffix of diagnoses of pooled logs, which belong to the robot whose setup they name."""
 
 
 class FleetLog(NamedTuple):
-    """What is known about one log."""
+    """Record of one log, merged from all commands."""
 
     log: str
     robot: str
     sensor: str
     date: float
-    """s since 1970: when it began, by its own stamps, or when its file was changed last."""
+    """Start of the log by its own stamps, or else the last modification of its file, s since 1970."""
     dated: bool
-    """Whether its own stamps say so."""
+    """Whether the date is from the log's own stamps."""
     status: str
-    """The worst of all commands: FAILED, LOSS or OK."""
+    """Worst status of all commands: FAILED, LOSS or OK."""
     troubles: tuple[str, ...]
-    """Errors, and what was lost."""
+    """Errors, and repairs and losses of samples."""
     quality: Mapping[str, Any]
-    """Of all commands together."""
+    """Quality metrics of all commands together."""
     report: str
     """Path or URL of the report of its diagnosis; "" = there is none."""
 
     def numbers(self, name: str, count: int = 6) -> Array:
-        """(count,) numbers of the quality; NaN where there are none."""
+        """(count,) values of a quality metric; NaN where unknown."""
         values = self.quality.get(name)
         found = values if isinstance(values, list) else [values]
         return np.array(found, float) if len(found) == count else np.full(count, np.nan)  # None becomes NaN
 
     def words(self, name: str) -> tuple[str, ...]:
-        """Words of the quality, such as its causes."""
+        """Strings of a quality metric, such as the causes."""
         return tuple(self.quality.get(name) or ())
 
     @property
     def verdict(self) -> str:
-        """Of the diagnosis; "" = it was not diagnosed."""
+        """Verdict of the diagnosis; "" = not diagnosed."""
         return self.quality.get("verdict") or ""
 
     @property
     def has_gap(self) -> bool:
-        """Whether the diagnosis found one."""
+        """Whether the diagnosis found a gap."""
         return self.verdict not in ("", "none")
 
 
 class Fleet(NamedTuple):
-    """All logs that were worked on."""
+    """All logs that were processed."""
 
     records: tuple[FleetLog, ...]
-    """In the order of time."""
+    """Records in order of time."""
     settings: tuple[Settings, ...]
     folders: tuple[str, ...]
-    """That have a manifest."""
+    """Folders that have a manifest."""
     damaged: int
-    """Lines of manifests that could not be read."""
+    """Number of lines of manifests that could not be read."""
     pooled: Mapping[tuple[str, str], tuple[Course, ...]]
-    """(robot, sensor) -> how causes went on that its logs show together: ``ftbias diagnose --pool``."""
+    """(robot, sensor) -> time courses of the causes found in its pooled logs (``ftbias diagnose --pool``)."""
 
     def by_robot(self) -> dict[tuple[str, str], list[FleetLog]]:
-        """Records by (robot, sensor), in the order of names."""
+        """Records by (robot, sensor), sorted by name."""
         groups: dict[tuple[str, str], list[FleetLog]] = {}
         for record in self.records:
             groups.setdefault((record.robot, record.sensor), []).append(record)
@@ -83,10 +83,10 @@ class Fleet(NamedTuple):
 
 
 def read_fleet(folders: Sequence[str]) -> Fleet:
-    """What all manifests in folders of results and below them say.
+    """Read all manifests in folders of results and below them.
 
     Raises:
-        UsageError: there is no manifest. LogError: one is larger than manifests get.
+        UsageError: there is no manifest. LogError: a manifest exceeds its maximum size.
     """
     found, reports, courses = list[tuple[str, Contents]](), set[str](), dict[str, tuple[Course, ...]]()
     for archive in map(Place, folders):
@@ -119,18 +119,18 @@ def read_fleet(folders: Sequence[str]) -> Fleet:
 
 
 def _report_of(entry: Entry) -> str:
-    """Where the report of a log is from the folder of its manifest, if there is one."""
+    """Path of a log's report, if it exists, relative to the folder of the manifest."""
     return f"{os.path.splitext(entry.output)[0]}.html"
 
 
 def _record(robot: str, sensor: str, entries: Iterable[tuple[str, Entry]], there: Collection[str]) -> FleetLog:
-    """One log, of which several commands have an entry each; the latest one counts where they disagree.
+    """Record of one log from the entries of several commands; where they disagree, the latest one is valid.
 
     Args:
-        robot: its name.
-        sensor: its name.
-        entries: each with the place of its manifest.
-        there: paths of reports that are there.
+        robot: name of the robot.
+        sensor: name of the sensor.
+        entries: place of the manifest and entry, for each command.
+        there: paths of existing reports.
     """
     placed = sorted(entries, key=lambda item: item[1].done)
     every = [entry for _, entry in placed]

@@ -1,8 +1,8 @@
-"""The manifest of a folder of results: lines of JSON that are only ever added, one for each log that is done.
+"""Manifest of a folder of results: an append-only file of JSON lines, one for each processed log.
 
-A line costs the same for the first log and for the ten thousandth, and a process that is killed in the middle of one
-loses that line alone. Of several lines about one result the last one holds. Other lines say what the logs were worked
-on with (``settings``, once for each) and that a run began (``run``).
+A line costs the same for the first log and for the ten thousandth, and a process that is killed while it writes loses
+only that line. Of several lines about one result, the last one is valid. Other lines record the settings of the logs
+(``settings``, once for each) and the start of a run (``run``).
 """
 
 from __future__ import annotations
@@ -25,39 +25,39 @@ from ftbias_jax.io.remote import is_url
 from ftbias_jax.io.write.provenance import sha256_of
 
 SYNC_SECONDS = 1.0
-"""Lines are flushed to disk at least so often; logs done since are done again if the machine loses its power."""
+"""s between flushes of lines to disk; logs done since then are done again if the machine loses its power."""
 PUBLISH_SECONDS = 5.0
-"""The same of lines that go to a bucket; logs done since are done again if the process is killed."""
+"""s between uploads of lines to a bucket; logs done since then are done again if the process is killed."""
 PUBLISH_SHARE = 0.05
-"""Of the time that may be spent on flushing, of which a manifest takes more as it grows: seldomer then."""
+"""Maximum share of time for flushing or uploading, which is therefore done less often as the manifest grows."""
 LONGEST_LINE = 2**20
-"""Bytes; a line of one log has about a thousand."""
+"""Maximum length of a line, bytes; the line of one log has about a thousand."""
 DAMAGED = (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError)
-"""What is raised over a line that the program does not write."""
+"""Exceptions that a line may raise that this program does not write."""
 MOST_BYTES, MOST_OLD_BYTES = 128 * 2**20, 16 * 2**20
-"""Of a manifest, about 120,000 logs, which take 0.6 GB of memory; of one of schema 1, which is read as a whole."""
+"""Maximum size of a manifest, about 120,000 logs in 0.6 GB of memory, and of one of schema 1, which is read whole."""
 
 
 class Contents(NamedTuple):
-    """What the manifests of a folder say."""
+    """Contents of the manifests of a folder."""
 
     entries: dict[str, Entry]
-    """By the paths of results; by those of logs where there is no result."""
+    """Path of the result, or of the log if it has no result -> entry."""
     settings: dict[str, Settings]
-    """By their keys."""
+    """Key -> settings."""
     damaged: int = 0
-    """Lines that could not be read."""
+    """Number of lines that could not be read."""
 
 
 class Manifest:
-    """The manifest of one run, open for new lines.
+    """The manifest of one run, open for appending.
 
     Args:
-        path: of the file, which is made if it is not there.
-        publish: called every PUBLISH_SECONDS if the file is a copy of what is elsewhere.
+        path: path of the file, which is created if it does not exist.
+        publish: uploads the file, every PUBLISH_SECONDS, if it is a copy of a file in a bucket.
 
     Raises:
-        OutputError: it cannot be written; every method raises it, too.
+        OutputError: the file cannot be written; every method may raise this error.
     """
 
     def __init__(self, path: str, publish: Callable[[], None] | None = None) -> None:
@@ -71,12 +71,12 @@ class Manifest:
                 self._file.write(b"\n")
 
     def add(self, kind: str, content: Mapping[str, Any]) -> None:
-        """Add a line of the kind "log", "settings" or "run": plain numbers, words, lists and dicts."""
+        """Append a line of the kind "log", "settings" or "run" with plain numbers, strings, lists and dicts."""
         line = json.dumps({kind: content}, allow_nan=False, separators=(",", ":")) + "\n"
         with _errors_of(self.path):
             self._file.write(line.encode())
             self._file.flush()
-            # A run whose manifest cannot be written ends before minutes are spent on it.
+            # The line of a run is flushed immediately, so that an unwritable manifest ends the run at its start.
             started = time.monotonic()
             if kind == "run" or started > self._next:
                 (self._publish or partial(os.fsync, self._file.fileno()))()
@@ -84,14 +84,14 @@ class Manifest:
                 self._next = now + max(self._seldom, (now - started) / PUBLISH_SHARE)
 
     def add_entry(self, entry: Entry) -> None:
-        """Add what became of a log."""
+        """Append the entry of a log."""
         self.add("log", {**entry._asdict(), "state": entry.state._asdict()})
 
     def __enter__(self) -> Manifest:
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        # After another failure that one is told.
+        # If the body has failed, its error is the one to report.
         with _errors_of(self.path) if error is None else suppress(OSError):
             self._file.close()
 
@@ -106,15 +106,15 @@ def _errors_of(path: str) -> Iterator[None]:
 
 
 def manifest_name(job: str, index: int, count: int) -> str:
-    """Every command and every machine writes its own, so that none waits for another."""
+    """Name of the manifest of one command on one machine; each has its own, so that none waits for another."""
     return f"manifest.{job}.jsonl" if count == 1 else f"manifest.{job}.{index}-of-{count}.jsonl"
 
 
 def read_manifests(folder: str) -> Contents:
-    """What the manifests in a folder say.
+    """Read the manifests in a folder.
 
     Raises:
-        LogError: a file is larger than manifests get.
+        LogError: a manifest exceeds its maximum size.
     """
     entries: dict[str, Entry] = {}
     settings: dict[str, Settings] = {}
@@ -135,15 +135,15 @@ def read_manifests(folder: str) -> Contents:
 
 
 def damaged_in_words(count: int) -> str:
-    """How many lines of manifests could not be read."""
+    """Sentence with the number of lines of a manifest that could not be read."""
     return f"{count} {'lines' if count > 1 else 'line'} of the manifest could not be read"
 
 
 def contents_of(place: Place) -> Contents:
-    """What the manifests of an archive say, not those of archives below it.
+    """Contents of the manifests of an archive, without those of archives below it.
 
     Raises:
-        LogError: one cannot be read, or is larger than manifests get.
+        LogError: a manifest cannot be read, or exceeds its maximum size.
     """
     if not is_url(place.root):
         return read_manifests(place.root)
@@ -152,16 +152,16 @@ def contents_of(place: Place) -> Contents:
 
 
 def done_before(place: Place, contents: Contents) -> dict[str, Entry]:
-    """The entries whose results are there, by the paths of the results."""
+    """Path of the result -> entry, for entries whose result exists with its recorded size."""
     done = {path: entry for path, entry in contents.entries.items() if entry.status in DONE}
     sizes = place.sizes(done)
     return {path: entry for path, entry in done.items() if sizes.get(path) == entry.output_bytes}
 
 
 def is_unchanged(place: Place, entry: Entry) -> bool:
-    """Whether all files that were written for a log still have the content that they had then; they are read.
+    """Whether all files that were written for a log still have their original SHA-256; the files are read.
 
-    Of an entry without sums, as earlier versions wrote it, nothing is known of its files.
+    False for an entry without SHA-256, as earlier versions wrote it.
     """
     with place.reading(entry.sums) as folder:
         files = {os.path.join(folder, name): expected for name, expected in entry.sums.items()}
@@ -170,12 +170,12 @@ def is_unchanged(place: Place, entry: Entry) -> bool:
 
 
 def read_lines(path: Path) -> Iterator[Entry | Settings | None]:
-    """What the lines of a manifest say, one after the other; None for a line that is damaged or torn.
+    """Yield the entries and settings of a manifest, line by line; None for a damaged or incomplete line.
 
-    The last line is torn if a process was killed while it wrote it.
+    The last line is incomplete if a process was killed while it wrote it.
 
     Raises:
-        LogError: the file is larger than manifests get.
+        LogError: the manifest exceeds its maximum size.
     """
     for line in _lines(path):
         try:
@@ -189,7 +189,7 @@ def read_lines(path: Path) -> Iterator[Entry | Settings | None]:
 
 
 def _lines(path: Path) -> Iterator[bytes]:
-    """The lines of a file; of one that is longer than any the beginning, which is no JSON."""
+    """Yield the lines of a file; a line above the maximum length is cut off, so that it is no longer valid JSON."""
     try:
         if no_regular_file(path):
             return
@@ -213,7 +213,7 @@ def _check_size(path: Path, size: int, most: int) -> None:
 
 
 def _read_old(path: Path) -> Iterator[Entry | Settings | None]:
-    """A manifest of schema 1."""
+    """Yield the settings and entries of a manifest of schema 1."""
     try:
         if no_regular_file(path):
             return
@@ -236,7 +236,7 @@ def _read_old(path: Path) -> Iterator[Entry | Settings | None]:
 
 
 def _ends_in_the_middle(path: str) -> bool:
-    """Whether the last line has no end, because a process was killed while it wrote it."""
+    """Whether the last line is incomplete, because a process was killed while it wrote it."""
     with open(path, "rb") as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(max(size - 1, 0))

@@ -1,4 +1,4 @@
-"""A fleet as one HTML page that needs nothing else: no network, no scripts, no fonts."""
+"""Report of a fleet as one self-contained HTML page: no network, no scripts, no fonts."""
 
 import os
 from collections import Counter
@@ -22,11 +22,11 @@ from ftbias_jax.io.remote import is_url
 from ftbias_jax.types import AXES, AXIS_UNITS
 
 MOST_ROWS = 200
-"""Logs that a table lists; the manifest has all."""
+"""Maximum number of logs that a table lists; the manifest has all."""
 FIRST_ROWS = 15
-"""Of them, those that are not folded away."""
+"""Number of these logs that are not folded away."""
 MOST_PLOTTED = 40
-"""Robots that have plots."""
+"""Maximum number of robots that have plots."""
 MOST_CAUSES = 10
 HOW_TO_READ = (
     "Bias and residuals are those of ftbias filter, gaps and causes those of ftbias diagnose, mistakes those of ftbias "
@@ -42,7 +42,7 @@ Group = tuple[str, str]
 
 
 def to_page(fleet: Fleet, title: str, folder: str) -> str:
-    """The page; ``folder`` is where it will be, for links to reports of single logs."""
+    """HTML of the page; links to reports of single logs are relative to ``folder``, where the page will be."""
     groups = fleet.by_robot()
     alarms = {group: alarms_of(records, fleet.pooled.get(group, ())) for group, records in groups.items()}
     gaps = sorted((r for r in fleet.records if r.has_gap), key=lambda r: -np.nan_to_num(r.numbers("gap_sigmas", 1)[0]))
@@ -66,7 +66,7 @@ def to_page(fleet: Fleet, title: str, folder: str) -> str:
 
 
 def name(group: Group) -> str:
-    """Of a robot and its sensor."""
+    """Name of a robot and its sensor."""
     robot, sensor = group
     return f"{robot}, sensor {sensor}" if sensor else robot
 
@@ -93,7 +93,7 @@ def _header(fleet: Fleet, alarms: Mapping[Group, Sequence[Alarm]], title: str) -
 
 
 def _days(records: Sequence[FleetLog]) -> str:
-    """From when to when logs are, by their own stamps; times of files only where no log has a date; "" = no log."""
+    """First and last day of the logs by their own stamps, or by file times if no log has a date; "" = no log."""
     dated = [record.date for record in records if record.dated]
     every = dated or [record.date for record in records]
     if not every:
@@ -181,7 +181,7 @@ def _plots(number: int, records: Sequence[FleetLog], courses: Sequence[Course]) 
 
 
 def _causes(number: int, records: Sequence[FleetLog]) -> str:
-    """Which causes and mistakes were found when."""
+    """Figure of the causes and mistakes found in each log, by date; "" = none."""
     found = [(record.date, {*record.words("causes"), *record.words("findings")}) for record in records]
     counts = Counter(name for _, names in found for name in names)
     if not counts:

@@ -1,9 +1,9 @@
-"""Where an archive is: a folder of this machine, or a part of a bucket of any store that fsspec writes to.
+"""Location of an archive: a folder of this machine, or a part of a bucket of any store that fsspec writes to.
 
-Results are written and read as files of a folder. For a bucket that is a temporary one: what is written there is
-published file by file once it is whole, which object stores do whole or not at all, and what is read is copied there.
+Results are written and read as files of a folder. For a bucket, it is a temporary folder: files to read are copied into
+it, and complete files that were written are uploaded one by one, each of which object stores do atomically.
 
-Objects cannot grow: a file to which lines are added is sent as a whole, again and again.
+Objects cannot be appended to: a file to which lines are appended is uploaded as a whole every time.
 """
 
 import os
@@ -21,26 +21,26 @@ MANIFESTS = "manifest*.json*"
 
 
 class Growing(NamedTuple):
-    """A file to which lines are added."""
+    """A file to which lines are appended."""
 
     path: str
-    """On this machine."""
+    """Path on this machine."""
     publish: Callable[[], None] | None = None
-    """Brings the lines that the file has by now to the bucket; None = the file is that of the archive."""
+    """Uploads the current lines of the file to the bucket; None = the file itself is in the archive."""
 
 
 class Place(NamedTuple):
-    """The place of an archive; can be pickled, for workers on other machines."""
+    """Location of an archive; picklable, for workers on other machines."""
 
     root: str
     """Path of a folder, or a URL."""
 
     def path(self, name: str) -> str:
-        """Path or URL of a file of the archive, "" = of itself, as it is shown."""
+        """Path or URL, as it is displayed, of a file of the archive; "" = the archive itself."""
         return shown(os.path.join(self.root, name) if name else self.root)
 
     def sizes(self, names: Iterable[str]) -> dict[str, int]:
-        """Bytes of those of some files that are there."""
+        """Name -> size in bytes, for the given files that exist."""
         if is_url(self.root):
             there = sizes_below(self.root)
             return {name: there[name] for name in names if name in there}
@@ -48,17 +48,17 @@ class Place(NamedTuple):
         return {name: path.stat().st_size for name, path in paths.items() if path.is_file()}
 
     def named(self, pattern: str = MANIFESTS) -> list[str]:
-        """Names of all files in and below it that match a pattern, such as its manifests."""
+        """Names of all files in and below the archive that match a pattern, by default its manifests."""
         if is_url(self.root):
             return sorted(name for name in sizes_below(self.root) if Path(name).match(pattern))
         return sorted(os.path.relpath(path, self.root) for path in Path(self.root).rglob(pattern))
 
     @contextmanager
     def reading(self, names: Iterable[str]) -> Iterator[str]:
-        """A folder with those of some files that are there.
+        """Context of a folder that contains the given files, as far as they exist.
 
         Raises:
-            LogError: they cannot be read.
+            LogError: the files cannot be read.
         """
         if not is_url(self.root):
             yield self.root
@@ -75,10 +75,10 @@ class Place(NamedTuple):
 
     @contextmanager
     def writing(self) -> Iterator[str]:
-        """A folder whose files are the archive's in the end, if nothing goes wrong.
+        """Context of a folder whose files are in the archive at the end, if no error occurs.
 
         Raises:
-            OutputError: they cannot be published.
+            OutputError: the files cannot be uploaded.
         """
         if not is_url(self.root):
             yield self.root
@@ -93,10 +93,10 @@ class Place(NamedTuple):
 
     @contextmanager
     def growing(self, name: str) -> Iterator[Growing]:
-        """A file of the archive to which lines are added, in a bucket by one process at a time.
+        """Context of a file of the archive to which lines are appended; in a bucket, by one process at a time.
 
         Raises:
-            LogError: what is there cannot be read. OutputError: the folder or a line cannot be written.
+            LogError: the existing file cannot be read. OutputError: the folder or a line cannot be written.
         """
         if not is_url(self.root):
             make_folder(self.root)
@@ -117,7 +117,7 @@ class Place(NamedTuple):
 
     @contextmanager
     def _named_in_errors(self, folder: str) -> Iterator[None]:
-        """Errors about files of a temporary folder name those of the archive."""
+        """Make errors about files of a temporary folder name the files of the archive."""
         try:
             yield
         except FtbiasError as error:

@@ -1,4 +1,4 @@
-"""The plots of a fleet's page as SVG: quantities and causes against the date."""
+"""Plots of a fleet's page as SVG: quantities and causes against the date."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -23,16 +23,16 @@ from ftbias_jax.fleet.alarms import MOST_BINS, Trend
 from ftbias_jax.types import Array
 
 SECONDS = {"m": 60.0, "h": 3600.0, "D": 86400.0, "M": 365.25 * 86400 / 12}
-"""Of NumPy's units of time."""
+"""NumPy's unit of time -> its length, s."""
 STEPS = (
     (1, "m", "%H:%M"), (5, "m", "%H:%M"), (15, "m", "%H:%M"), (1, "h", "%H:%M"), (4, "h", "%d. %H:%M"),
     (12, "h", "%d. %H:%M"), (1, "D", "%m-%d"), (2, "D", "%m-%d"), (7, "D", "%m-%d"), (14, "D", "%m-%d"),
     (1, "M", "%Y-%m"), (2, "M", "%Y-%m"), (3, "M", "%Y-%m"), (6, "M", "%Y-%m"),
     (12, "M", "%Y"), (24, "M", "%Y"), (60, "M", "%Y"), (120, "M", "%Y"),
 )  # fmt: skip
-"""Between ticks, and how they are written."""
+"""Intervals between ticks, number and unit, with the format of their labels."""
 WITH_BARS = 80
-"""Logs up to which each has an error bar."""
+"""Maximum number of logs that are drawn with an error bar each."""
 MOST_DOTS = 400
 MARK_ROW = 22
 
@@ -40,10 +40,10 @@ MARK_ROW = 22
 def plot_history(
     name: str, title: str, t: Array, y: Array, error: Array | None = None, line_of: Trend | None = None
 ) -> str:
-    """A quantity of every log against its date: dots with error bars, or dots and medians where there are many.
+    """Plot a quantity of every log against its date: dots with error bars, or dots and medians of many logs.
 
-    The name is unique in the page, the title has the unit, dates (N,) are s since 1970, values (N,) may be NaN, not
-    known, like the standard deviation of each; a trend is drawn dashed.
+    ``name`` is unique in the page, and ``title`` has the unit. Dates ``t`` (N,) are s since 1970; values ``y`` (N,) and
+    their standard deviations ``error`` (N,) may be NaN = unknown. The trend ``line_of`` is drawn dashed.
     """
     seen = np.isfinite(y)
     t, y = t[seen], y[seen]
@@ -66,7 +66,7 @@ def plot_history(
 
 
 def plot_marks(name: str, title: str, t: Array, rows: Sequence[tuple[str, Array]]) -> str:
-    """What was found when, in logs of dates (N,), s since 1970: rows of a name and (N,) flags, drawn as marks."""
+    """Plot findings by date: one row per name, with marks at the dates ``t`` (N,), s since 1970, of flagged logs."""
     axes = Axes(_span(t), (0.0, 1.0), left=130, top=4, width=WIDTH - 130 - 10, height=MARK_ROW * len(rows))
     parts = [_dates(axes)]
     for number, (words, flags) in enumerate(rows):
@@ -80,7 +80,7 @@ def plot_marks(name: str, title: str, t: Array, rows: Sequence[tuple[str, Array]
 
 
 def date_ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:
-    """At most about so many round dates from low to high, s since 1970, and how they are written (UTC)."""
+    """About ``most`` round dates or fewer, from low to high, s since 1970, with their labels (UTC)."""
     fitting = (step for step in STEPS if (high - low) / (step[0] * SECONDS[step[1]]) <= most)
     count, unit, form = next(fitting, STEPS[-1])
     first, last = (int(np.datetime64(int(stamp), "s").astype(f"M8[{unit}]").astype(int)) for stamp in (low, high))
@@ -91,7 +91,7 @@ def date_ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:
 
 
 def _dates(axes: Axes) -> str:
-    """The axis below the plot; it takes 22 drawing units."""
+    """Date axis below the plot, which takes 22 drawing units."""
     bottom, right = axes.top + axes.height, axes.left + axes.width
     parts = [line(axes.left, bottom, right, bottom, "axis")]
     for stamp, words in date_ticks(*axes.x, max(round(axes.width / 62), 1)):
@@ -103,7 +103,7 @@ def _dates(axes: Axes) -> str:
 
 
 def _span(t: Array) -> tuple[float, float]:
-    """Of dates, with a margin; a day around a single one."""
+    """Range of the dates with a margin, s since 1970; a day around a single date."""
     if not len(t):
         return 0.0, SECONDS["D"]
     margin = 0.03 * (t[-1] - t[0]) or SECONDS["D"] / 2

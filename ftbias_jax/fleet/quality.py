@@ -1,4 +1,4 @@
-"""How good a log and its model are, in a few plain numbers for the manifest: SI units, (6,) N and Nm by axis."""
+"""Quality metrics of a log and its model for the manifest: a few plain numbers in SI units, (6,) N and Nm by axis."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from ftbias_jax.io.write.provenance import Provenance
 
 DIGITS = 6
-"""Significant digits, so that lines are short."""
+"""Number of significant digits, few so that lines are short."""
 
 
 def of_filter(result: FilterResult) -> dict[str, Any]:
-    """What filtering a log shows; no findings if nobody looked."""
+    """Metrics of a filtered log; there are no findings if the check was skipped."""
     summary = result.summary
     return _quality(
         result.provenance or {},
@@ -39,12 +39,12 @@ def of_filter(result: FilterResult) -> dict[str, Any]:
 
 
 def of_check(check: Check, origin: Provenance) -> dict[str, Any]:
-    """What the check of a setup on a log shows."""
+    """Findings of the check of a setup on a log."""
     return _quality(origin, findings=[finding.mistake for finding in check.findings])
 
 
 def of_diagnosis(diagnosis: Diagnosis) -> dict[str, Any]:
-    """What the diagnosis of a log says."""
+    """Metrics and findings of the diagnosis of a log."""
     gap = diagnosis.gap
     return _quality(
         diagnosis.provenance or {},
@@ -61,7 +61,7 @@ def of_diagnosis(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def of_identified(result: IdentifyResult, origin: Provenance) -> dict[str, Any]:
-    """What the identification of a tool from a log gives; kg, m, sensor frame."""
+    """Metrics of a tool identified from a log; kg, m, sensor frame."""
     tool = result.tool
     return _quality(
         origin,
@@ -75,20 +75,20 @@ def of_identified(result: IdentifyResult, origin: Provenance) -> dict[str, Any]:
 
 
 def of_tuned(result: TuneResult, origin: Provenance) -> dict[str, Any]:
-    """What tuning the noise to a log gives: its noise, and scores on the part that was held out, nats/s."""
+    """Metrics of noise tuned to a log: the noise, and the gain of scores on the held-out part, nats/s."""
     gained = {f"{score.part}_score_gained": score.after - score.before for score in result.held_out}
     noise = result.setup.bias.noise_density
     return _quality(origin, noise_density=noise, noise_std=result.setup.sensor.noise_std, **gained)
 
 
 def _quality(origin: Mapping[str, Any], **found: Any) -> dict[str, Any]:
-    """When a log began, by its own stamps, how long it is, s, its rate, Hz, and what was found."""
+    """Metrics, with the start of the log by its own stamps, its duration, s, and its rate, Hz."""
     known = {name: origin.get(name) for name in ("date", "duration", "rate")}
     return {name: _plain(value) for name, value in (known | found).items()}
 
 
 def _plain(value: Any) -> Any:
-    """What JSON can hold: numbers of a few digits, None where there is none."""
+    """Value that JSON can hold: numbers of a few digits, None if not finite."""
     if value is None or isinstance(value, str | bool):
         return value
     if isinstance(value, Iterable):

@@ -1,4 +1,4 @@
-"""One filtered log as an HTML page: the bias with its error, what the corrected wrench leaves, and where it is from."""
+"""HTML page of one filtered log: the bias with its error, the residual of the corrected wrench, and the provenance."""
 
 import json
 from collections.abc import Mapping
@@ -19,10 +19,10 @@ BAND = "Band: ± 2 standard deviations of the bias, given the readings so far an
 
 
 def read_result(path: str) -> dict[str, Array]:
-    """The arrays of a result that the page shows.
+    """Read the arrays of a result that the page shows.
 
     Raises:
-        LogError: it cannot be read, or is no whole result.
+        LogError: the file cannot be read, or is not a complete result.
     """
     arrays = load_arrays(path, (*NEEDED, *OPTIONAL))
     rows = np.shape(arrays.get("t", 0))
@@ -35,7 +35,7 @@ def read_result(path: str) -> dict[str, Array]:
 
 
 def result_page(arrays: Mapping[str, Array], title: str) -> str:
-    """The page of the arrays of ``read_result``."""
+    """HTML page of the arrays that ``read_result`` returned."""
     t, bias, std = (np.asarray(arrays[name], float) for name in ("t", "bias", "bias_std"))
     left = np.asarray(arrays["wrench_unbiased"], float) - np.asarray(arrays["wrench_tool"], float)
     used = np.asarray(arrays.get("used", np.ones(len(t))), bool)
@@ -61,7 +61,7 @@ def result_page(arrays: Mapping[str, Array], title: str) -> str:
 
 
 def _plot(t: Array, bias: Array, std: Array, channel: int) -> str:
-    known = std < 10 * np.nanmedian(std)  # the first samples would set the scale of everything
+    known = std < 10 * np.nanmedian(std)  # otherwise the first samples would set the scale
     t, bias, std = t[known], bias[known], std[known]
     axes = Axes((float(t[0]), float(max(t[-1], t[0] + 1e-9))), data_range(bias - 2 * std, bias + 2 * std), top=24)
     some = np.unique(np.linspace(0, len(t) - 1, min(len(t), MAX_BUCKETS)).astype(int))
@@ -75,7 +75,7 @@ def _plot(t: Array, bias: Array, std: Array, channel: int) -> str:
 
 
 def _origin(arrays: Mapping[str, Array]) -> list[tuple[str, str]]:
-    """What the result says of itself; nothing where that cannot be read."""
+    """Rows with the provenance of a result; empty if it cannot be read."""
     try:
         origin = json.loads(str(arrays["provenance"]))
         logs = ", ".join(str(log["name"]) for log in origin["logs"])

@@ -1,4 +1,4 @@
-"""The table beside a manifest, for pandas, Polars or DuckDB: a row a log, a column a number."""
+"""Table beside a manifest, for pandas, Polars or DuckDB: one row per log, one column per number."""
 
 import importlib
 import importlib.util
@@ -12,14 +12,14 @@ from ftbias_jax.types import AXES
 
 
 def columns(entries: Sequence[Entry], settings: Mapping[str, Settings]) -> dict[str, list[Any]]:
-    """Columns by name, a row an entry; (6,) numbers have a column an axis, words of a list are separated by ``; ``."""
+    """Columns by name, one row per entry; (6,) values have a column per axis, lists of strings are joined by ``; ``."""
     rows = [_row(entry, settings.get(entry.settings)) for entry in entries]
     names = dict.fromkeys(name for row in rows for name in row)
     return {name: [row.get(name) for row in rows] for name in names}
 
 
 def save_table(path: str, entries: Sequence[Entry], settings: Mapping[str, Settings]) -> bool:
-    """Write the table as Parquet, whole or not at all; False if there is no pyarrow (extra ``parquet``).
+    """Write the table as Parquet, completely or not at all; returns False without pyarrow (extra ``parquet``).
 
     Raises:
         OutputError: the file cannot be written.
@@ -51,5 +51,5 @@ def _row(entry: Entry, settings: Settings | None) -> dict[str, Any]:
 
 
 def _utf8(text: str) -> str:
-    r"""Text that a table can hold; bytes of a file's name that are no UTF-8 are written as ``\udcXX``."""
+    r"""Text that a table can hold; bytes of a file's name that are not UTF-8 are written as ``\udcXX``."""
     return text.encode("utf-8", "backslashreplace").decode()

@@ -1,1 +1,1 @@
-"""Mending a user's own simulator: the sensor's errors for any, and what a diagnosis found in the file of one."""
+"""Correction of a user's own simulator: sensor errors for any simulator, findings of a diagnosis in MJCF or URDF."""

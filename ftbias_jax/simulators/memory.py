@@ -1,4 +1,4 @@
-"""What a sensor in a simulation remembers, sample by sample, NumPy or JAX: a low-pass and a delay."""
+"""Stateful parts of a simulated sensor, sample by sample, in NumPy or JAX: a low-pass and a delay."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from ftbias_jax.model.effects.types import EffectValues
 from ftbias_jax.types import Array
 
 PASSES_ALL = 1e6
-"""Hz; the swing of a filter whose cutoff is infinite has no factors."""
+"""Hz, replaces an infinite cutoff, for which the oscillation factors of the second-order filter do not exist."""
 
 
 def lagging_behind(low_pass: EffectValues, lag: Array, gained: Array, dt: Array) -> tuple[Array, Array]:
@@ -15,9 +15,9 @@ def lagging_behind(low_pass: EffectValues, lag: Array, gained: Array, dt: Array)
 
     Args:
         low_pass: cutoff, Hz, and order.
-        lag: (N, 3, 6) output minus input; of the second order what swings, its rate, and the slope of the input.
-        gained: (N, 6) by the input, in this step.
-        dt: (N, 1) s.
+        lag: (N, 3, 6) output minus input; for order 2 its oscillating part, that part's rate, and the input's slope.
+        gained: (N, 6) change of the input in this step.
+        dt: (N, 1) s, duration of this step.
     """
     xp = dt.__array_namespace__()
     w = 2 * np.pi * xp.minimum(low_pass["cutoff"], PASSES_ALL)
@@ -32,9 +32,9 @@ def lagging_behind(low_pass: EffectValues, lag: Array, gained: Array, dt: Array)
 
 
 def delayed_by(delay: Array, ages: Array, history: Array) -> Array:
-    """(N, 6) as it was ``delay`` () s ago, by straight lines between samples (N, L, 6) of ages (N, L) s, oldest first.
+    """(N, 6) wrench ``delay`` () s ago, interpolated linearly in samples (N, L, 6) of ages (N, L) s, oldest first.
 
-    A negative delay, wrenches that come before their joints, is none here: nobody knows what will be felt.
+    A negative delay (wrenches ahead of the joints) counts as zero, because future wrenches are unknown.
     """
     xp = ages.__array_namespace__()
     before = xp.clip((ages >= delay).sum(1) - 1, 0, ages.shape[1] - 2)[:, None]

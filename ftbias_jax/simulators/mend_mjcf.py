@@ -1,8 +1,8 @@
-"""An MJCF mended: the user's own text with other values of tool, mounting, gravity and joints.
+"""Correct an MJCF: the user's own text with other values of tool, mounting, gravity and joints.
 
-A body of the tool gets what the others leave of its mass and inertia, a part of it gets springs, the site is turned,
-``ref`` of a joint takes its encoder's offset, a cable is a tendon with slack, and drag is dampers. What stands in
-included files is changed in copies of these.
+One body of the tool gets the mass and inertia that its other bodies lack, a part of the tool gets springs, the site is
+rotated, ``ref`` of a joint takes its encoder offset, a cable is a tendon with slack, and drag is dampers. Included
+files are changed in copies.
 """
 
 import numpy as np
@@ -40,12 +40,12 @@ ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 
 
 def mend_mjcf(setup: Setup, scene: Mjcf, output: str) -> Mended:
-    """The text of a scene with what a setup says of robot and tool, whose effects are what a diagnosis found.
+    """Text of a scene, corrected to the robot and tool of a setup whose effects are the findings of a diagnosis.
 
-    Files that the scene refers to are found from where the mended one will be, ``output``.
+    Paths of other files in the scene are made relative to the location of the corrected scene, ``output``.
 
     Raises:
-        SetupError: its arm is not the setup's.
+        SetupError: the scene's arm is not the setup's.
     """
     physics = physics_of(setup)
     check_arm(setup, mjcf_robot(scene), scene.file, "--mjcf SCENE.xml")
@@ -56,7 +56,7 @@ def mend_mjcf(setup: Setup, scene: Mjcf, output: str) -> Mended:
     of_springs, bodies = on_springs(texts, physics, bodies)
     for body, part in bodies.items():
         place = texts.body(body)
-        assert place is not None  # or it would not be among them
+        assert place is not None  # bodies without an element are never chosen
         _write_inertial(scene, *place, body, part)
     of_site = _mend_site(texts, physics)
     mounts = [name for name in ("mount_translation", "mount_rotation") if name in setup.effects] or ["mount_rotation"]
@@ -74,7 +74,7 @@ def mend_mjcf(setup: Setup, scene: Mjcf, output: str) -> Mended:
 
 
 def _mend_tool(texts: Texts, physics: Physics) -> tuple[str, dict[int, RigidBody]]:
-    """What hinders it, or "", and the body of the tool that makes the whole of it right, in the site's frame."""
+    """Reason why it cannot be done ("" = none), and the body to change, with its new inertia, in the site's frame."""
     scene, wanted = texts.scene, physics.tool
     wanted = wanted.seen_from(physics.sensor_believed.T, -physics.sensor_believed.T @ physics.sensor_position)
     bodies = scene.distal_bodies()
@@ -97,7 +97,7 @@ def _is_physical(body: RigidBody) -> bool:
 
 
 def _write_inertial(scene: Mjcf, document: Document, element: int, body: int, in_site: RigidBody) -> None:
-    """The inertial of one body, of which only what differs is written."""
+    """Write the <inertial> of one body, changing only the attributes that differ."""
     data, model = scene.in_reference_pose(), scene.model
     to_world = data.site_xmat[scene.site].reshape(3, 3)
     rotation = to_world.T @ data.xmat[body].reshape(3, 3)  # the body's axes in the site's frame
@@ -124,7 +124,7 @@ def _write_inertial(scene: Mjcf, document: Document, element: int, body: int, in
 
 
 def _mend_site(texts: Texts, physics: Physics) -> str:
-    """Turn and move the site of the sensor; what hinders it, or ""."""
+    """Rotate and move the site of the sensor; returns why it cannot be done, or ""."""
     turn, shift = physics.sensor_rotation, physics.sensor_position
     if np.allclose(turn, np.eye(3), atol=SAME) and np.allclose(shift, 0, atol=SAME):
         return ""
@@ -176,7 +176,7 @@ def _mend_joints(texts: Texts, physics: Physics) -> str:
 
 
 def _mend_cable(texts: Texts, physics: Physics) -> str:
-    """A tendon between two new sites: it pulls with its stiffness beyond its rest length, and never pushes."""
+    """Add a tendon between two new sites, which pulls with its stiffness beyond its rest length and never pushes."""
     cable, scene = physics.cable, texts.scene
     if cable is None or cable["stiffness"] == 0:
         return ""

@@ -1,4 +1,4 @@
-"""A part of the tool on springs, and drag, as an MJCF has them: a body with joints of its own, and dampers."""
+"""Flexibility and drag of the tool in an MJCF: a body with sprung joints of its own, and dampers."""
 
 from collections.abc import Mapping, Sequence
 from functools import reduce
@@ -15,21 +15,21 @@ from ftbias_jax.types import Array
 
 FROM_GEOMS = "the compiler's inertiafromgeom is true: MuJoCo takes all inertia from geoms"
 LEAST_SHARE, MOST_SHARE = 1e-3, 0.95
-"""Of the tool: less does not move, and something must be left that does not."""
+"""Share of the tool on springs: less is neglected as rigid, and some of the tool must remain rigid."""
 FAR = 1e3
-"""m to the far end of a damper: its direction then changes by a thousandth for each metre that the arm moves."""
+"""m, length of a damper, such that its direction changes by a thousandth for each metre that the arm moves."""
 FULL = (np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2]))
 """Rows and columns of MuJoCo's fullinertia: xx yy zz xy xz yz."""
 JOINT = 'armature="0" frictionloss="0" limited="false" ref="0" springref="0"'
-"""What the file's own defaults may not say of a joint."""
+"""Attributes of a joint that override the defaults of the file."""
 
 
 def on_springs(texts: Texts, physics: Physics, bodies: dict[int, RigidBody]) -> tuple[str, dict[int, RigidBody]]:
-    """Hang a part of the tool on springs: what hinders it, or "", and the bodies of the tool that the scene has not so.
+    """Put a share of the tool on springs; returns why it cannot be done, or "", and the changed bodies of the tool.
 
-    The part is like the whole tool but for its mass, has the largest share that moves in any way, and a slide or hinge
-    for each way. Where ways have different shares s, springs of k = S^2 M W^2 / s make the same of each in slow motion,
-    and exactly the same at S = s. The bodies, in the site's frame, are those to be changed, before and after.
+    The sprung body is the whole tool scaled to the largest share S of any direction, with a slide or hinge for each
+    direction. For a direction with another share s, a stiffness of k = S^2 M W^2 / s gives the same response in slow
+    motion, and exactly the same at S = s. ``bodies``, number -> body in the site's frame, are those changed before.
     """
     values, scene = physics.flexibility, texts.scene
     if values is None or not np.isfinite(values["frequency"]) or values["share"].max() < LEAST_SHARE:
@@ -53,7 +53,7 @@ def on_springs(texts: Texts, physics: Physics, bodies: dict[int, RigidBody]) -> 
 
 
 def rigid_bodies(scene: Mjcf) -> list[int]:
-    """Bodies beyond the sensor that no joint moves against it, the sensor's own first."""
+    """Bodies distal of the sensor that no joint moves relative to it, the sensor's own first."""
     fixed = [scene.body]
     for body in scene.distal_bodies()[1:]:
         if scene.model.body_jntnum[body] == 0 and int(scene.model.body_parentid[body]) in fixed:
@@ -62,7 +62,7 @@ def rigid_bodies(scene: Mjcf) -> list[int]:
 
 
 def _joints(values: Mapping[str, Array], share: float, tool: RigidBody) -> list[str]:
-    """Slides along and hinges about the sensor's axes."""
+    """MJCF of sprung slides along and hinges about the sensor's axes."""
     arm = tool.center
     turning = tool.inertia + tool.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     inertia = np.concatenate([np.full(3, tool.mass), np.diag(turning)])
@@ -78,7 +78,7 @@ def _joints(values: Mapping[str, Array], share: float, tool: RigidBody) -> list[
 
 
 def _swinging(scene: Mjcf, physics: Physics, part: RigidBody, share: float, joints: Sequence[str]) -> str:
-    """The body, its frame that of the sensor."""
+    """MJCF of the sprung body, whose frame is that of the sensor."""
     axes = axes_of(scene.model.site_quat[scene.site])
     at = numbers(scene.model.site_pos[scene.site] + axes @ physics.sensor_position)
     quat = numbers(quaternions_of((axes @ physics.sensor_believed)[None])[0])
@@ -89,7 +89,7 @@ def _swinging(scene: Mjcf, physics: Physics, part: RigidBody, share: float, join
 
 
 def _lengthen_keys(texts: Texts, count: int) -> None:
-    """Zeros in the states of keyframes, where the new joints come: behind those of the sensor's body."""
+    """Insert zeros for the new joints into the states of keyframes, after the joints of the sensor's body."""
     model = texts.scene.model
     later = np.flatnonzero(model.jnt_bodyid > texts.scene.body)
     places = {"qpos": (model.jnt_qposadr, model.nq), "qvel": (model.jnt_dofadr, model.nv)}
@@ -101,7 +101,7 @@ def _lengthen_keys(texts: Texts, count: int) -> None:
 
 
 def mend_drag(texts: Texts, physics: Physics, drags: Sequence[Mapping[str, Any]]) -> str:
-    """Three dampers to far points for each force against a velocity; what hinders it, or ""."""
+    """Add three dampers to distant points for each drag force; returns why it cannot be done, or ""."""
     scene, world, tool = texts.scene, texts.find("worldbody"), texts.body(texts.scene.body)
     if not drags:
         return ""
@@ -119,7 +119,7 @@ def mend_drag(texts: Texts, physics: Physics, drags: Sequence[Mapping[str, Any]]
             ends = f'<site site="{near}"/><site site="{near}{axis}"/>'
             lines.append(f'<spatial name="{near}{axis}" damping="{damping}" rgba="0 0 0 0">{ends}</spatial>')
     texts.documents[0].insert(0, "\n  ".join(["<tendon>", *lines]) + "\n</tendon>")
-    if not texts.all("statistic"):  # or what is drawn would be as large as the dampers
+    if not texts.all("statistic"):  # otherwise the dampers would set the size of the view
         stat = scene.model.stat
         drawn = f'center="{numbers(stat.center)}" extent="{numbers([stat.extent])}"'
         texts.documents[0].insert(0, f"<statistic {drawn}/>")
@@ -127,18 +127,18 @@ def mend_drag(texts: Texts, physics: Physics, drags: Sequence[Mapping[str, Any]]
 
 
 def in_world(data: Any, scene: Mjcf, physics: Physics, point: Array) -> Array:
-    """A point (3,) m of the believed sensor's frame, in the world."""
+    """Point (3,) m of the nominal sensor frame, in the world frame."""
     at_site = physics.sensor_position + physics.sensor_believed @ point
     return data.site_xpos[scene.site] + data.site_xmat[scene.site].reshape(3, 3) @ at_site
 
 
 def in_body(data: Any, body: int, world: Array) -> str:
-    """A point (3,) m of the world in a body's frame, as an attribute has it."""
+    """Point (3,) m of the world frame, in a body's frame, as text of an attribute."""
     return numbers(data.xmat[body].reshape(3, 3).T @ (world - data.xpos[body]))
 
 
 def axes_of(quaternion: Array) -> Array:
-    """(3, 3) of a quaternion w, x, y, z."""
+    """(3, 3) rotation matrix of a quaternion w, x, y, z."""
     import mujoco
 
     axes = np.zeros(9)

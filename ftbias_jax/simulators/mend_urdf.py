@@ -1,4 +1,4 @@
-"""A URDF mended: the user's own text with another inertia of the tool's link, and other origins of joints."""
+"""Correct a URDF: the user's own text with another inertia of the tool's link and other origins of joints."""
 
 from collections.abc import Mapping
 
@@ -14,15 +14,15 @@ from ftbias_jax.simulators.xml_text import Document, numbers
 from ftbias_jax.types import Array
 
 OF_A_URDF = ("tool_mass", "tool_com", "tool_inertia", "encoder_offset")
-"""Effects that a URDF may state."""
+"""Effects that a URDF can express."""
 
 
 def mend_urdf(setup: Setup, like: str, output: str, link: str = "") -> Mended:
-    """The text of a URDF with what a setup, whose effects are what a diagnosis found, says of joints and tool.
+    """Text of a URDF, corrected to the joints and tool of a setup whose effects are the findings of a diagnosis.
 
-    A joint whose recorded angle is off by an offset gets an origin that is turned (shifted) back by it. One link that
-    is fixed to the flange, ``link`` or else the setup's ``tool.from_urdf_link``, gets mass, centre and inertia of the
-    whole tool.
+    The origin of a joint with an encoder offset is rotated back by the offset (shifted, if the joint is prismatic). One
+    link that is fixed to the flange, ``link`` or else the setup's ``tool.from_urdf_link``, gets mass, centre of mass
+    and inertia of the whole tool.
 
     Raises:
         SetupError: the file is no URDF, its arm is not the setup's, or nothing names the tool's link.
@@ -47,7 +47,7 @@ def mend_urdf(setup: Setup, like: str, output: str, link: str = "") -> Mended:
 
 
 def _move(document: Document, joint: Joint, offset: float) -> None:
-    """Give a joint the origin from which its recorded angle (way), offset too large, leads to the true pose."""
+    """Change a joint's origin so that its recorded angle (or travel), too large by ``offset``, gives the true pose."""
     if joint.kind in SLIDING:
         back = pose_at(-offset * joint.axis)
     else:
@@ -64,7 +64,7 @@ def _in_link(physics: Physics, link: Pose) -> RigidBody:
 
 
 def _write_inertial(document: Document, element: int, body: RigidBody) -> None:
-    """The inertia of a link, along the axes that the file has for it."""
+    """Write the inertia of a link, along the axes that its <inertial> has in the file."""
     there = document.children(element, "inertial")
     if not there:
         origin, mass = numbers(body.center), numbers([body.mass])
@@ -87,7 +87,7 @@ def _moments(inertia: Array) -> dict[str, float]:
 
 
 def _write(document: Document, parent: int, tag: str, values: Mapping[str, Array], size: float = 1.0) -> None:
-    """Attributes of an element right in another, where they differ by more than rounding of numbers of a size."""
+    """Write attributes of a child element where they differ by more than the rounding of numbers of ``size``."""
     there = document.children(parent, tag)
     if not there:
         words = " ".join(f'{name}="{numbers(x)}"' for name, x in values.items())

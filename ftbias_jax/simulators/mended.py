@@ -1,4 +1,4 @@
-"""What a setup with effects, as a diagnosis leaves it, says of the tool, the mounting, gravity and the joints."""
+"""Actual tool, mounting, gravity and joints according to a setup with the effects that a diagnosis found."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
@@ -31,47 +31,47 @@ OF_THE_ROBOT = (
     "cable",
     "tool_flexibility",
 )
-"""Effects that a simulator's own file may state."""
+"""Effects that a simulator's own file can express."""
 DRAG = {"drive": "velocity", "form": "linear", "frame": "base", "acts_as": "force"}
-"""A term that it may state: a force against the velocity of a point of the tool, alike in all directions."""
+"""Term that such a file can express: a force against the velocity of a point of the tool, equal in all directions."""
 
 SAME = 1e-9
-"""Relative: values nearer than this are left as they are written."""
+"""Relative difference below which values are left as they are in the file."""
 
 
 class Mended(NamedTuple):
-    """A simulator's file, mended."""
+    """Corrected file of a simulator."""
 
     files: dict[str, str]
-    """Path -> text, the file itself first, then changed copies of what it includes."""
+    """Path -> text, the file itself first, then changed copies of the files that it includes."""
     not_expressed: list[dict[str, Any]]
-    """What the format cannot say: effect, parameters, why."""
+    """Effects that the format cannot express: effect, parameters, why."""
 
 
 class Physics(NamedTuple):
-    """The robot and its tool as they are."""
+    """Actual robot and tool, in contrast to the nominal ones of the setup."""
 
     tool: RigidBody
-    """In the setup's sensor frame, as the setup believes it to be mounted."""
+    """Inertial parameters, in the sensor frame as the setup states its mounting."""
     gravity: Array
     """(3,) m/s^2, base frame."""
     sensor_believed: Array
-    """(3, 3) the sensor's axes in the flange frame, as the setup believes."""
+    """(3, 3) nominal axes of the sensor in the flange frame, as the setup states them."""
     sensor_rotation: Array
-    """(3, 3) its true axes there."""
+    """(3, 3) actual axes of the sensor in the flange frame."""
     sensor_position: Array
-    """(3,) m, its true origin there."""
+    """(3,) m, actual origin of the sensor in the flange frame."""
     offsets: Array
     """(n,) rad: recorded minus true angle of each joint."""
     cable: Mapping[str, Array] | None
-    """Of the effect, with what it left out; None = there is none."""
+    """All parameters of the effect, omitted ones at their neutral value; None = no cable."""
     flexibility: Mapping[str, Array] | None
-    """The same of a tool on springs."""
+    """All parameters of the effect, omitted ones at their neutral value; None = no flexible tool."""
 
 
 @in_float64
 def physics_of(setup: Setup) -> Physics:
-    """What the setup of an arm states, with its effects.
+    """Actual robot and tool that the setup of an arm states by its effects.
 
     Raises:
         SetupError: the tool is not known, or an effect has impossible values.
@@ -107,12 +107,12 @@ def physics_of(setup: Setup) -> Physics:
 
 
 def is_drag(section: Mapping[str, Any]) -> bool:
-    """Whether a term is one that a simulator's own file may state."""
+    """Whether a term is a drag that a simulator's own file can express."""
     return DRAG.items() <= section.items() and bool(np.all(np.asarray(section["coefficients"]) > 0))
 
 
 def without_drag(effects: Mapping[str, Any]) -> dict[str, Any]:
-    """The effects of a setup without such terms."""
+    """Effects of a setup without such drag terms."""
     left = [section for section in effects.get(TERM, ()) if not is_drag(section)]
     return {**{name: x for name, x in effects.items() if name != TERM}, **({TERM: left} if left else {})}
 
@@ -121,7 +121,7 @@ def check_arm(setup: Setup, theirs: RobotSetup, file: str, draft: str) -> None:
     """Refuse a file whose arm is not that of the setup; ``draft`` is the option that drafts a setup from it.
 
     Raises:
-        SetupError: the joints' axes are elsewhere.
+        SetupError: the joints' screw axes differ.
     """
     screws = setup.robot.screws
     if theirs.screws.shape != screws.shape or not np.allclose(theirs.screws, screws, atol=1e-6):
@@ -130,7 +130,7 @@ def check_arm(setup: Setup, theirs: RobotSetup, file: str, draft: str) -> None:
 
 
 def same_body(one: RigidBody, other: RigidBody) -> bool:
-    """Whether they differ by rounding alone."""
+    """Whether two bodies differ only by rounding."""
     size = np.abs(other.inertia).max() + SAME
     return bool(
         abs(one.mass - other.mass) <= SAME * other.mass
@@ -140,7 +140,7 @@ def same_body(one: RigidBody, other: RigidBody) -> bool:
 
 
 def not_expressed(effects: Mapping[str, Any], expressed: Iterable[str]) -> list[dict[str, Any]]:
-    """What of a setup's effects neither the simulator's file, by the names ``expressed``, nor the sensor model says."""
+    """Effects of a setup that neither the simulator's file (names ``expressed``) nor the sensor model can express."""
     there = {*expressed, *EFFECTS}
     return [
         {"effect": name, "parameters": values, "why": WHY.get(name, OTHERS)}

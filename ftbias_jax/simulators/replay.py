@@ -1,7 +1,7 @@
-"""What a user's MuJoCo scene says the sensor feels in a recorded motion, and a log to be diagnosed against that.
+"""Wrench that a user's MuJoCo scene predicts for a recorded motion, and a log to be diagnosed against it.
 
-Inverse dynamics at the recorded states, the joints smoothed. What is beyond the sensor and hangs on springs moves as
-its springs let it; other joints that the log does not have stay where the scene has them.
+The wrench is computed by inverse dynamics at the smoothed joint states of the log. Sprung joints distal of the sensor
+move according to their springs; other joints that are not in the log stay where the scene has them.
 """
 
 import os
@@ -29,16 +29,16 @@ from ftbias_jax.types import Array
 MODEL = tuple(name.replace("beyond", "wrench_model") for name in BEYOND)
 """Names in [log.columns] of the wrench that a simulator predicts for the log, N and Nm."""
 EVERY = 1000
-"""Samples between two reports of progress."""
+"""Number of samples between two reports of progress."""
 STEP, MOST_STEPS = 0.05, 100
-"""rad of the fastest swing in one step, and steps to a sample."""
+"""Maximum phase, rad, of the fastest mode per integration step, and maximum number of steps per sample."""
 SETTLING = 30
-"""Rounds of substitution; each leaves the share of the springs' stiffness that the weight adds to it or takes away."""
+"""Number of fixed-point iterations; each multiplies the error by the stiffness of gravity relative to the springs."""
 
 
 @in_float64
 def joint_states(setup: Setup, log: Log) -> Array:
-    """(T, n, 3) rad, rad/s, rad/s^2 at the stamps of a cleaned log: smoothed positions, speeds and accelerations."""
+    """(T, n, 3) rad, rad/s, rad/s^2, smoothed joint positions, velocities, accelerations at a cleaned log's stamps."""
     options, samples = Options(joint_model=setup.joints.model), padded_samples(log)
     params = params_for_log.likeliest_params(setup, samples, options)
     joints = smoothed_joints(params.joint, *samples[:3], model=options.joint_model)
@@ -48,7 +48,7 @@ def joint_states(setup: Setup, log: Log) -> Array:
 def replay(scene: Mjcf, t: Array, states: Array, progress: Callable[[float], object] = lambda done: None) -> Array:
     """(T, 6) N, Nm: the wrench that the sensor exerts on the tool, at the scene's site.
 
-    The states (T, n, 3) at t (T,) s are those of ``joint_states``; ``progress`` is called with the samples done.
+    The states (T, n, 3) at t (T,) s are those of ``joint_states``; ``progress`` is called with the samples done so far.
 
     Raises:
         SetupError: the scene has another number of joints.
@@ -78,7 +78,7 @@ def replay(scene: Mjcf, t: Array, states: Array, progress: Callable[[float], obj
 
 
 def _springs(scene: Mjcf) -> Array:
-    """Degrees of freedom beyond the sensor that hang on springs, of hinges and slides."""
+    """Degrees of freedom of sprung hinges and slides distal of the sensor."""
     model = scene.model
     beyond = np.isin(model.jnt_bodyid, scene.distal_bodies()) & ~np.isin(np.arange(model.njnt), scene.joints)
     single = model.jnt_type >= 2  # slides and hinges
@@ -86,21 +86,21 @@ def _springs(scene: Mjcf) -> Array:
 
 
 def _settle(model: Any, data: Any, springs: Array) -> None:
-    """Move what hangs on springs to where they carry it: it has hung there since long before a recording begins."""
+    """Move sprung joints to their equilibrium, which they reached long before a recording begins."""
     import mujoco
 
     joints = model.dof_jntid[springs]
     data.qvel[springs] = data.qacc[springs] = 0.0
     for _ in range(SETTLING if len(springs) else 0):
-        mujoco.mj_inverse(model, data)  # what the joints would have to add to springs and dampers
+        mujoco.mj_inverse(model, data)  # joint forces that springs and dampers lack for equilibrium
         data.qpos[model.jnt_qposadr[joints]] -= data.qfrc_inverse[springs] / model.jnt_stiffness[joints]
 
 
 def _swing(model: Any, data: Any, springs: Array, dt: float) -> None:
-    """Move what hangs on springs by one sample, and give it the acceleration that its forces make there.
+    """Integrate the sprung joints over one sample, and set their acceleration at its end.
 
-    With the arm's accelerations given, M_ss a_s = tau_s - bias_s - M_sa a_a. The steps, short against the fastest
-    swing, are symplectic, and implicit in the dampers; in those of one sample only springs and dampers change.
+    With the arm's accelerations given, M_ss a_s = tau_s - bias_s - M_sa a_a. The steps are short against the fastest
+    mode, symplectic, and implicit in the dampers; within a sample, only the forces of springs and dampers change.
     """
     if not len(springs):
         return
@@ -113,7 +113,7 @@ def _swing(model: Any, data: Any, springs: Array, dt: float) -> None:
     mujoco.mj_fwdPosition(model, data)
     mujoco.mj_fwdVelocity(model, data)
     for row, vector in zip(rows, (*units, data.qacc), strict=True):
-        mujoco.mj_mulM(model, data, row, vector)  # all that every version of MuJoCo has of its mass matrix
+        mujoco.mj_mulM(model, data, row, vector)  # access to the mass matrix in every version of MuJoCo
     mass, force = rows[:-1, springs], (data.qfrc_passive - data.qfrc_bias - rows[-1])[springs]
     fastest = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, np.diag(stiffness))).real.max())
     steps = min(max(int(np.ceil(fastest * dt / STEP)), 1), MOST_STEPS)
@@ -129,13 +129,13 @@ def _swing(model: Any, data: Any, springs: Array, dt: float) -> None:
 
 @in_float64
 def against(setup: Setup, log: Log, t: Array, wrench: Array, states: Array | None = None) -> Log:
-    """A log to be diagnosed against a simulator: what that adds to the nominal tool's wrench goes along in columns.
+    """Log to be diagnosed against a simulator, with columns of the simulated minus the nominal tool's wrench.
 
     The simulated wrench (K, 6) N, Nm, on the tool, sensor frame, has stamps t (K,) s since the log's first sample; the
-    states are those of ``joint_states``, if they are known.
+    states are those of ``joint_states``, computed if None.
 
     Raises:
-        LogError: the simulated wrench does not last as long as the log, or has samples that are no numbers.
+        LogError: the simulated wrench does not cover the whole log, or has samples that are not finite.
     """
     wrench, t = np.asarray(wrench, float), np.asarray(t, float)
     if wrench.shape != (len(t), 6) or not np.isfinite(wrench).all():
@@ -156,10 +156,10 @@ def against(setup: Setup, log: Log, t: Array, wrench: Array, states: Array | Non
 
 
 def against_columns(setup: Setup, log: Log) -> Log:
-    """``against`` the wrench that a log may bring in its columns ``MODEL``, in the sign that the sensor reports.
+    """``against`` with the wrench that a log may have in its columns ``MODEL``, in the sign that the sensor reports.
 
     Raises:
-        LogError: some of the six are missing, or do not last as long as the log.
+        LogError: some of the six columns are missing, or do not cover the whole log.
     """
     there = [log.columns[name] for name in MODEL if name in log.columns]
     if not there:
@@ -172,13 +172,13 @@ def against_columns(setup: Setup, log: Log) -> Log:
 
 
 def read_against(path: str | os.PathLike[str], setup: Setup, log: Log) -> Log:
-    """``against`` the wrench of an .npz file.
+    """``against`` with the wrench of an .npz file.
 
-    It has ``t`` (K,) s, stamps of the log or seconds since its first, and ``wrench_model`` (K, 6) N, Nm in the sign
-    that the sensor reports.
+    The file has ``t`` (K,) s, stamps of the log or seconds since its first, and ``wrench_model`` (K, 6) N, Nm in the
+    sign that the sensor reports.
 
     Raises:
-        LogError: it cannot be read, or is of another log.
+        LogError: the file cannot be read, or belongs to another log.
     """
     arrays = load_arrays(path, ("t", "wrench_model"))
     for name in ("t", "wrench_model"):

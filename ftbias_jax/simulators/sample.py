@@ -1,4 +1,4 @@
-"""Simulators that the data allow: draws from the joint posterior of what a diagnosis found, within its bounds."""
+"""Simulators that are consistent with the data: draws from the joint posterior of a diagnosis, within its bounds."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -15,38 +15,38 @@ from ftbias_jax.simulators.sensor_model import EFFECTS
 from ftbias_jax.types import Array
 
 FAINT = 0.1
-"""Of the noise: a smaller rest of the gap counts as none."""
+"""Share of the noise below which the rest of the gap is neglected."""
 TRIES = 100
-"""Draws of one sample before what is outside of its bounds is put on them."""
+"""Maximum number of draws for one sample; if none is within the bounds, the last one is clipped to them."""
 
 
 class Posterior(NamedTuple):
-    """What is known of P numbers, all causes end to end, and which effects may stand in the place of which cause."""
+    """Posterior of the P parameters of all causes, concatenated, and of the effects that may replace each cause."""
 
     causes: tuple[Candidate, ...]
     names: tuple[str, ...]
-    """P of them, as tool_mass.mass or gain.gain[2]."""
+    """Names of the P parameters, such as tool_mass.mass or gain.gain[2]."""
     mean: Array
-    """(P,)."""
+    """(P,) mean of the parameters."""
     covariance: Array
-    """(P, P)."""
+    """(P, P) covariance of the parameters."""
     bounds: Array
-    """(2, P) least and largest value that the catalogue allows."""
+    """(2, P) minimum and maximum that the catalogue allows."""
     twins: tuple[tuple[Candidate, ...], ...]
-    """For each cause the effects that explain the logs as well."""
+    """Twins of each cause: effects that explain the logs equally well."""
     odds: tuple[Array, ...]
-    """For each cause the probabilities of itself and its twins."""
+    """Probabilities of each cause and its twins."""
 
 
 def posterior_of(
     causes: Sequence[Candidate], content: Mapping[str, Any], catalogue: Mapping[str, Effect], file: str = ""
 ) -> Posterior:
-    """The posterior of the causes of a saved diagnosis, of which ``content`` is all.
+    """Posterior of the causes of a saved diagnosis, whose complete JSON is ``content``.
 
-    Its odds are those of the held-out likelihoods, over the whole length of the logs.
+    The odds are those of the held-out likelihoods over the whole length of the logs.
 
     Raises:
-        LogError: it has no joint posterior, or of other numbers.
+        LogError: the diagnosis has no joint posterior, or one of other parameters.
     """
     known = [cause for cause in causes if cause.effect in catalogue]
     size = len(names_of(known))
@@ -70,10 +70,10 @@ def posterior_of(
 
 
 def with_rest(setup: Setup, content: Mapping[str, Any]) -> Setup:
-    """The setup with the rest of the gap, which no drawn simulator has, as correlated noise of its sensor.
+    """Setup with the rest of the gap, which no drawn simulator reproduces, as correlated noise of its sensor.
 
-    That is what no cause explains, and what neither a scene nor a sensor model can say. It has the size of the held-out
-    gap, if the saved diagnosis has one, and varies as fast as the band of frequencies that has most of it.
+    The rest is what no cause explains, and what neither a scene nor a sensor model can express. It has the size of the
+    held-out gap, if the saved diagnosis has one, and the time scale of the frequency band that has most of the gap.
     """
     if not (gap := content.get("gap")):
         return setup
@@ -99,7 +99,7 @@ def with_rest(setup: Setup, content: Mapping[str, Any]) -> Setup:
 
 
 def names_of(causes: Sequence[Candidate]) -> tuple[str, ...]:
-    """A name for every number of the causes."""
+    """Names of all parameters of the causes."""
     return tuple(
         f"{cause.effect}.{name}" + (f"[{i}]" if np.ndim(value) else "")
         for cause in causes
@@ -109,7 +109,7 @@ def names_of(causes: Sequence[Candidate]) -> tuple[str, ...]:
 
 
 def _flat(causes: Sequence[Candidate], field: str) -> Array:
-    """(P,) values or standard errors, 0 where there is none."""
+    """(P,) values or standard errors of the parameters, 0 where there is none."""
     parts = [np.zeros(0)]
     for cause in causes:
         for name, value in cause.parameters.items():
@@ -129,7 +129,7 @@ def _bounds(causes: Sequence[Candidate], catalogue: Mapping[str, Effect]) -> Arr
 
 
 def _twins(cause: Candidate, candidates: Sequence[Mapping[str, Any]]) -> list[Candidate]:
-    """What stands in the ranking of the effects that explain the logs as well as a cause."""
+    """Twins of a cause: effects that explain the logs equally well, as they are in the ranking."""
     found = []
     for name in cause.indistinguishable_from:
         entry = next((x for x in candidates if x.get("effect") == name and x.get("parameters")), None)
@@ -139,14 +139,14 @@ def _twins(cause: Candidate, candidates: Sequence[Mapping[str, Any]]) -> list[Ca
 
 
 def _odds(cause: Candidate, twins: Sequence[Candidate], seconds: float) -> Array:
-    """Probabilities of a cause and its twins: equal before the logs, and by the unseen nats that each is behind."""
+    """Probabilities of a cause and its twins, from equal priors and the held-out nats by which each falls short."""
     behind = np.array([0.0, *(0.0 if x.behind is None else max(x.behind, 0.0) for x in twins)])
     weights = np.exp(-np.nan_to_num(behind) * seconds)
     return weights / weights.sum()
 
 
 def draw(posterior: Posterior, random: np.random.Generator) -> tuple[Candidate, ...]:
-    """The causes with numbers of one draw; a twin stands in the place of a cause as often as its odds say."""
+    """Causes with the parameters of one draw; a twin replaces its cause with the probability of its odds."""
     numbers = _within(posterior.mean, posterior.covariance, posterior.bounds, random)
     drawn, place = list[Candidate](), 0
     for cause, twins, odds in zip(posterior.causes, posterior.twins, posterior.odds, strict=True):
@@ -162,7 +162,7 @@ def draw(posterior: Posterior, random: np.random.Generator) -> tuple[Candidate, 
 
 
 def _within(mean: Array, covariance: Array, bounds: Array, random: np.random.Generator) -> Array:
-    """(P,) a draw inside of the bounds: of a few tries, or its nearest point to the last."""
+    """(P,) draw within the bounds: the first of ``TRIES`` draws that is, or else the last one clipped to the bounds."""
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0))
     for _ in range(TRIES):
@@ -182,7 +182,7 @@ def _with_numbers(cause: Candidate, numbers: Array) -> Candidate:
 
 
 def ranges(posterior: Posterior, draws: Sequence[Sequence[Candidate]]) -> dict[str, Any]:
-    """What domain randomisation reads: numbers with mean, covariance, and the range of the draws; odds of twins."""
+    """Input of domain randomisation: parameters with mean, covariance and the range of the draws; odds of twins."""
     own = np.array([_flat(one, "parameters") for one in draws if names_of(one) == posterior.names])
     own = own.reshape(-1, len(posterior.mean))
     low, high = np.quantile(own, (0.025, 0.975), axis=0) if len(own) else (posterior.mean, posterior.mean)

@@ -18,14 +18,14 @@ KEYS = {
     "[sensor]": ("noise_std", "reports", "rezeroed", "correlated_std", "correlated_time"),
     "[bias]": ("noise_density", "initial_std", "initial_drift_std", "initial", "initial_drift", "drift_time"),
 }
-"""What of a setup's sections is about the sensor's own errors."""
+"""Section of a setup -> keys that describe the sensor's own errors."""
 
 
 def sensor_model(setup: GivenSetup) -> SensorModel:
-    """The errors of a setup's sensor: its noise, its bias process, and those of its effects that are the sensor's own.
+    """Error model of a setup's sensor: its noise, its bias process, and the setup's effects that are the sensor's own.
 
     Raises:
-        SetupError: an effect has no such value.
+        SetupError: an effect has an impossible value.
     """
     setup = as_setup(setup)
     sensor, bias = setup.sensor, setup.bias
@@ -50,7 +50,7 @@ def sensor_model(setup: GivenSetup) -> SensorModel:
 
 
 def sensor_text(setup: Setup) -> str:
-    """The text of ``sensor_model.toml`` for the sensor of a setup."""
+    """Text of ``sensor_model.toml`` for the sensor of a setup."""
     sections = {f"[effects.{name}]" for name in EFFECTS}
     lines = [line for line in lines_of(setup) if line.section in sections or line.key in KEYS.get(line.section, ())]
     return text_of(lines, setup.comments)
@@ -60,7 +60,7 @@ def load_sensor_model(path: str | os.PathLike[str]) -> SensorModel:
     """Read a ``sensor_model.toml``, as ``ftbias export`` writes it.
 
     Raises:
-        SetupError: it cannot be read, is not TOML, or says something impossible.
+        SetupError: the file cannot be read, is not TOML, or has impossible values.
     """
     file = os.fspath(path)
     _, mapping = read_toml(file, "give the path of a sensor_model.toml", "give a sensor_model.toml")

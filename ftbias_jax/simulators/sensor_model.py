@@ -1,7 +1,7 @@
-"""The errors of the sensor itself, sample by sample, for any simulator: the wrench it feels -> what it reads.
+"""Errors of the sensor itself, sample by sample, for any simulator: actual wrench -> reading.
 
-Pure functions of NumPy or of JAX arrays, whichever they are given. The first axis of a wrench counts environments; the
-effects are those of the catalogue, for which it counts samples.
+Pure functions of NumPy or JAX arrays, whichever they are given. The first axis of a wrench counts environments; the
+effects are those of the catalogue, which take it for the axis of samples.
 """
 
 from types import SimpleNamespace
@@ -23,91 +23,91 @@ EFFECTS = (
     *("gain", "crosstalk", "hysteresis", "low_pass", "warmup", "temperature_drift", "bias_jump", "time_delay"),
     *("stamp_jitter", "noise_level", "vibration", "saturation", "quantisation", "outliers", "dropped_samples"),
 )
-"""Those that are the sensor's own, in the order of the catalogue, which is that of ``SensorModel.step``."""
+"""Effects of the sensor itself, in the order of the catalogue, in which ``SensorModel.step`` applies them."""
 _AT_NO_TIME: Any = None
-"""Gains and leaks look at nothing but the wrench."""
+"""Placeholder for the signals, because gain and crosstalk depend only on the wrench."""
 
 
 class Draws(NamedTuple):
     """Random numbers of one sample in N environments; None = not needed."""
 
     kick: Array
-    """(N, 6) standard normal: of the drift."""
+    """(N, 6) standard normal: process noise of the drift."""
     slip: Array
-    """(N, 6) standard normal: of the bias, beside its drift."""
+    """(N, 6) standard normal: process noise of the bias that is independent of the drift's."""
     white: Array
-    """(N, 6) standard normal: noise of the sample."""
+    """(N, 6) standard normal: white measurement noise of the sample."""
     shaking: Array | None = None
-    """(N, 6) standard normal: noise by the motion."""
+    """(N, 6) standard normal: noise caused by the motion."""
     correlated: Array | None = None
-    """(N, 6) standard normal: what the correlated noise gains."""
+    """(N, 6) standard normal: driving noise of the correlated noise."""
     late: Array | None = None
-    """(N, 1) standard normal: of the stamp."""
+    """(N, 1) standard normal: jitter of the stamp."""
     events: Array | None = None
-    """(N, 3) uniform from 0 to 1: a spike, a lost sample, and whether it repeats the last one."""
+    """(N, 3) uniform from 0 to 1: decides on an outlier, a dropped sample, and whether that repeats the last one."""
     spike: Array | None = None
-    """(N, 6) uniform from 0 to 1: its signs."""
+    """(N, 6) uniform from 0 to 1: signs of the outlier."""
 
 
 class SensorState(NamedTuple):
-    """What the sensor remembers, of N environments."""
+    """State of the sensor in N environments."""
 
     t: Array
     """(N,) s since the start."""
     played: Array
-    """(N, 6) N, Nm: what hysteresis leaves of the load, with gains and leaks."""
+    """(N, 6) N, Nm: load after gain, crosstalk and hysteresis."""
     lag: Array
-    """(N, 3, 6) of the low-pass: output minus input, N, Nm; of the second order what swings, its rate, and the input's
-    slope, N/s, Nm/s (``responses.lagged``)."""
+    """(N, 3, 6) state of the low-pass: output minus input, N, Nm; for the second order its oscillating part, the rate
+    of that, and the slope of the input, N/s, Nm/s (``responses.lagged``)."""
     warmth: Array
-    """(N, 3) deg C: of the thermometer, of the gauges minus the thermometer, of the gauges at the start."""
+    """(N, 3) deg C: thermometer, gauges minus thermometer, gauges at the start."""
     clean: Array
-    """(N, 6) N, Nm: the last one before bias process and noise."""
+    """(N, 6) N, Nm: last wrench before bias process and noise."""
     ages: Array
-    """(N, L) s: how old the last samples are, the newest last; for the delay."""
+    """(N, L) s: ages of the last samples, the newest last; for the delay."""
     history: Array
-    """(N, L, 6) N, Nm: those samples."""
+    """(N, L, 6) N, Nm: wrenches of these samples."""
     bias: Array
     """(N, 6) N, Nm: bias process, unbiased = reading + bias."""
     drift: Array
-    """(N, 6) N/s, Nm/s."""
+    """(N, 6) N/s, Nm/s: drift of the bias."""
     correlated: Array
     """(N, 6) N, Nm: noise that is correlated in time."""
     reading: Array
-    """(N, 6) N, Nm: the last one that was not lost."""
+    """(N, 6) N, Nm: last reading that was not dropped."""
 
 
 class SensorModel(NamedTuple):
     """A sensor's errors: noise, bias process, and effects of ``EFFECTS``. Arrays of NumPy or of JAX; a pytree."""
 
     noise_std: Array
-    """(6,) N, Nm, of one sample."""
+    """(6,) N, Nm: standard deviation of the white noise of one sample."""
     density: Array
-    """(6,) N/s^1.5, Nm/s^1.5: how fast the drift changes."""
+    """(6,) N/s^1.5, Nm/s^1.5: noise density of the drift's random walk."""
     initial: Array
     """(12,) N, Nm, N/s, Nm/s: expected bias and drift at the start."""
     initial_std: Array
-    """(12,) their standard deviations."""
+    """(12,) standard deviations of bias and drift at the start."""
     sign: Array
     """() 1 if the sensor reports the wrench on the tool, -1 if that on the sensor."""
     tared: Array
     """() 1 if the sensor is set to zero at the start, with the tool on, else 0."""
     values: Values
-    """Effect -> parameter -> value; those that are not there cost nothing."""
+    """Effect -> parameter -> value; absent effects cost no time."""
     correlated_std: Array | None = None
-    """(6,) N, Nm; None = all noise is white."""
+    """(6,) N, Nm: standard deviation of the correlated noise; None = all noise is white."""
     correlated_time: Array | None = None
-    """(6,) s."""
+    """(6,) s: correlation time of the correlated noise."""
     drift_time: Array | None = None
-    """(6,) s in which the drift reverts to zero; None = never."""
+    """(6,) s: time constant with which the drift reverts to zero; None = never."""
 
     def memory(self, dt: float) -> int:
-        """How many samples, at least dt s apart, a delay looks back."""
+        """Number of samples, at least dt s apart, that a delay needs."""
         delay = float(self.values["time_delay"]["delay"]) if "time_delay" in self.values else 0.0
         return int(np.ceil(max(delay, 0.0) / dt)) + 2
 
     def draw(self, random: Any, count: int = 1) -> Draws:
-        """Random numbers of one sample in ``count`` environments: of a JAX key, or of a NumPy generator."""
+        """Random numbers of one sample in ``count`` environments, from a JAX key or a NumPy generator."""
         has = self.values.keys()
         normals = 3 + ("vibration" in has) + (self.correlated_std is not None) + ("stamp_jitter" in has)
         uniforms = 2 * bool(has & {"outliers", "dropped_samples"})
@@ -118,7 +118,7 @@ class SensorModel(NamedTuple):
         else:
             dtype = jax.numpy.asarray(self.noise_std).dtype
             keys = jax.random.split(random) if uniforms else (random, random)  # splitting costs as much as drawing
-            # In one row: XLA takes three times as long to draw in this shape.
+            # Drawn as one row, because XLA takes three times as long in this shape.
             normal = jax.random.normal(keys[0], (normals * count * 6,), dtype).reshape(normals, count, 6)
             uniform = jax.random.uniform(keys[1], (uniforms * count * 6,), dtype).reshape(uniforms, count, 6)
         rows = iter(normal[3:])
@@ -136,14 +136,14 @@ class SensorModel(NamedTuple):
     def start(
         self, wrench: Array, draws: Draws, temperature: Array | float = 25.0, memory: int = 2, t: Array | float = 0.0
     ) -> SensorState:
-        """The sensor at the start, settled at the first wrench; its bias is a draw, of ``kick`` and ``slip``.
+        """State at the start, settled at the first wrench, with the bias drawn by ``slip`` and the drift by ``kick``.
 
         Args:
             wrench: (6,), or (N, 6) of N environments; N, Nm, sensor frame: the force and torque that an ideal sensor
-                exerts on the tool, as MuJoCo's force and torque sensors say.
-            draws: of these environments.
+                exerts on the tool, as MuJoCo's force and torque sensors report.
+            draws: random numbers of these environments.
             temperature: () or (N,) deg C.
-            memory: samples kept for a delay: ``SensorModel.memory``.
+            memory: number of samples kept for a delay: ``SensorModel.memory``.
             t: () or (N,) s since the start of the process that ``warmup`` and ``bias_jump`` count from.
         """
         xp, load = wrench.__array_namespace__(), self._leaked(wrench.reshape(-1, 6))
@@ -174,19 +174,19 @@ class SensorModel(NamedTuple):
         dq: Array | None = None,
         temperature: Array | float | None = None,
     ) -> tuple[SensorState, Array]:
-        """One sample, at the sensor's rate.
+        """Advance by one sample, at the sensor's rate.
 
         Args:
-            state: after the sample before.
+            state: state after the previous sample.
             wrench: (6,) or (N, 6) N, Nm, as for ``start``.
-            dt: () or (N,) s since the sample before.
-            draws: of this sample.
-            dq: (n,) or (N, n) rad/s, speeds of the joints, or one at which the body turns, for ``vibration``; None =
+            dt: () or (N,) s since the previous sample.
+            draws: random numbers of this sample.
+            dq: (n,) or (N, n) rad/s, joint velocities, or the one angular speed of the body, for ``vibration``; None =
                 at rest.
             temperature: () or (N,) deg C, for ``temperature_drift``; None = unchanged.
 
         Returns:
-            The next state, and the reading in the shape of ``wrench``, in the sign that the sensor reports; NaN = lost.
+            The next state, and the reading in the shape of ``wrench``, in the sensor's reported sign; NaN = dropped.
         """
         xp, dt = wrench.__array_namespace__(), dt + 0 * state.t
         values, t, load = self.values, state.t + dt, self._leaked(wrench.reshape(-1, 6))
@@ -209,7 +209,7 @@ class SensorModel(NamedTuple):
         return following, (self.sign * reading).reshape(wrench.shape)
 
     def _leaked(self, wrench: Array) -> Array:
-        """(N, 6) load -> the same with gains and leaks."""
+        """(N, 6) load after gain and crosstalk."""
         for name, effect in (("gain", gain), ("crosstalk", crosstalk)):
             if name in self.values:
                 wrench = effect(self.values[name], _AT_NO_TIME, wrench)
@@ -224,8 +224,8 @@ class SensorModel(NamedTuple):
         return xp.stack([temperature, behind, warmth[:, 2]], 1)
 
     def _with_bias_effects(self, wrench: Array, t: Array, warmer: Array) -> Array:
-        """(N, 6) without the biases of effects at t (N,) s and so much (N,) K warmer than at the start."""
-        at: Any = SimpleNamespace(t=t)  # all that these effects see of ``Signals``
+        """(N, 6) wrench minus the biases of effects at t (N,) s and ``warmer`` (N,) K above the start's temperature."""
+        at: Any = SimpleNamespace(t=t)  # the only field of ``Signals`` that these effects use
         if "warmup" in self.values:
             wrench = warmup(self.values["warmup"], at, wrench)
         if "temperature_drift" in self.values:
@@ -246,7 +246,7 @@ class SensorModel(NamedTuple):
         return bias, drift, forgotten * state.correlated + fresh
 
     def _recorded(self, clean: Array, rate: Array, reading: Array, draws: Draws, dq: Array | None) -> Array:
-        """(N, 6) with noise, range and lattice; a late stamp shows what the wrench's rate (N, 6) will make of it."""
+        """(N, 6) reading with noise, saturation and quantisation; jitter extrapolates by the wrench's rate (N, 6)."""
         values, white = self.values, self.noise_std[None] * draws.white
         if "stamp_jitter" in values:
             reading = reading + values["stamp_jitter"]["std"] * draws.late * rate
@@ -254,7 +254,7 @@ class SensorModel(NamedTuple):
             white = values["noise_level"]["scale"][None] * white
         if "vibration" in values and dq is not None:
             variance = shaken(values["vibration"], dq.reshape(-1, dq.shape[-1]))
-            xp, moves = dq.__array_namespace__(), variance > 0  # the root has no derivative at rest
+            xp, moves = dq.__array_namespace__(), variance > 0  # the square root is not differentiable at rest
             white = white + xp.where(moves, xp.where(moves, variance, 1.0) ** 0.5, 0.0) * draws.shaking
         record = Record(clean[:, 0], reading + white, white)
         for name, effect in (("saturation", saturation), ("quantisation", quantisation)):
@@ -263,7 +263,7 @@ class SensorModel(NamedTuple):
         return record.wrench
 
     def _delivered(self, last: Array, reading: Array, draws: Draws) -> tuple[Array, Array]:
-        """The last reading (N, 6) that was not lost, and what arrives."""
+        """Last reading (N, 6) that was not dropped, and the reading that is delivered."""
         xp, values = reading.__array_namespace__(), self.values
         if "outliers" in values and draws.events is not None and draws.spike is not None:
             spike = values["outliers"]["size"][None] * xp.where(draws.spike < 0.5, -1.0, 1.0)

@@ -1,4 +1,4 @@
-"""How far a mended simulator is from recordings it was not mended by, before and after, channel by channel."""
+"""Error of a corrected simulator on recordings that were not used to correct it, before and after, by channel."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -25,19 +25,19 @@ from ftbias_jax.types import Array
 
 
 class Distance(NamedTuple):
-    """What of recordings a simulator misses, beyond noise and beyond bias and drift."""
+    """Error of a simulator against recordings, beyond noise and beyond bias and drift."""
 
     rms: Array
-    """(6,) N, Nm."""
+    """(6,) N, Nm: root mean square error."""
     rms_stderr: Array
-    """(6,) N, Nm, from blocks of the logs."""
+    """(6,) N, Nm: standard error, from the scatter of blocks of the logs."""
     sigmas: float
     """Root mean square over the channels, in standard deviations of the noise."""
     sigmas_stderr: float
 
 
 class Validation(NamedTuple):
-    """A simulator before and after it was mended."""
+    """Errors of a simulator before and after its correction."""
 
     before: Distance
     after: Distance
@@ -46,7 +46,7 @@ class Validation(NamedTuple):
     shrink_stderr: float
 
     def plain(self) -> dict[str, Any]:
-        """For JSON."""
+        """Plain dicts, lists and numbers for JSON."""
         return dict(plain(self._asdict() | {"before": self.before._asdict(), "after": self.after._asdict()}))
 
     def __str__(self) -> str:
@@ -66,9 +66,9 @@ def validate(
     scenes: tuple[Mjcf, Mjcf],
     progress: Callable[[str], None] = silent,
 ) -> Validation:
-    """Replay recordings in a scene as it was and as it was mended, with the errors of the sensor that were found.
+    """Replay recordings in the original scene and in the corrected one, there with the sensor errors that were found.
 
-    The logs are others than those of the diagnosis; ``progress`` is called with the name of each stage as it begins.
+    The logs are not those of the diagnosis; ``progress`` is called with the name of each stage as it begins.
     """
     progress("replaying the logs")
     of_sensor = {name: x for name, x in without_drag(mended.effects).items() if name in (*EFFECTS, TERM)}
@@ -92,7 +92,7 @@ def validate(
 
 
 def distance(problem: Problem, error: Array) -> Distance:
-    """The size in N and Nm of innovations (U, 6), in standard deviations, beyond what noise makes of them."""
+    """Size in N and Nm of innovations (U, 6), in standard deviations, beyond their expectation from noise."""
     mean = excess_by_channel(problem, error)
     weight = np.where(problem.samples > 0, (problem.noise_std**2 / problem.variance) ** 2, 0)
     scaled = weight / np.maximum(weight.sum(0), 1e-300) * (excess(problem, error) - mean)

@@ -1,6 +1,6 @@
-"""Changes in the text of an XML file where its attributes stand: comments, order and layout stay as written.
+"""Edit the text of an XML file at its attributes, so that comments, order and layout stay as written.
 
-An MJCF may include others, and is changed with them.
+An MJCF may include other files, which are edited with it.
 """
 
 import os
@@ -20,21 +20,21 @@ FILES = ("file", "fileleft", "fileright", "fileup", "filedown", "filefront", "fi
 
 
 class Element(NamedTuple):
-    """One element, and where it stands."""
+    """One element, and its position in the file."""
 
     tag: str
     attributes: dict[str, str]
     start: int
-    """Byte of its <."""
+    """Byte offset of its <."""
     parent: int
-    """Number of the element that it is in; -1 = none."""
+    """Number of its parent element; -1 = none."""
 
 
 class Document:
-    """An XML file whose text is changed; ``text`` is what comes of it.
+    """An XML file that is edited as text; ``text`` is the result.
 
     Raises:
-        SetupError: it cannot be read, is no XML, defines entities, or is not UTF-8.
+        SetupError: the file cannot be read, is not XML, defines entities, or is not UTF-8.
     """
 
     def __init__(self, file: str) -> None:
@@ -49,16 +49,16 @@ class Document:
         self._edits: list[tuple[int, int, str]] = []
 
     def find(self, tag: str, **attributes: str) -> list[int]:
-        """Numbers of the elements of a tag with these attributes."""
+        """Numbers of the elements with a tag and these attributes."""
         items = attributes.items()
         return [i for i, e in enumerate(self.elements) if e.tag == tag and items <= e.attributes.items()]
 
     def children(self, parent: int, tag: str) -> list[int]:
-        """Numbers of the elements of a tag right in another."""
+        """Numbers of the direct children of an element that have a tag."""
         return [i for i, e in enumerate(self.elements) if e.parent == parent and e.tag == tag]
 
     def set(self, element: int, name: str, value: str | None) -> None:
-        """Give an attribute another value; None takes it away."""
+        """Set an attribute; None removes it."""
         start, end = self._opening(element)
         pattern = rf"\s{name}\s*=\s*(\"[^\"]*\"|'[^']*')"
         found = re.search(pattern.encode(), self.content[start:end])
@@ -70,7 +70,7 @@ class Document:
             self._edits.append((tag, tag, f' {name}="{value}"'))
 
     def insert(self, element: int, text: str) -> None:
-        """Put something on a line of its own right behind the opening tag of an element."""
+        """Insert text on a line of its own directly after the opening tag of an element."""
         start, end = self._opening(element)
         line = self.content.rfind(b"\n", 0, start) + 1
         margin = re.match(rb"[ \t]*", self.content[line:start])
@@ -84,7 +84,7 @@ class Document:
 
     @property
     def text(self) -> str:
-        """The changed text."""
+        """The edited text."""
         content, last = self.content, len(self.content)
         pieces = list[bytes]()
         for start, end, new in sorted(self._edits, key=lambda edit: edit[0], reverse=True):
@@ -98,7 +98,7 @@ class Document:
         return bool(self._edits)
 
     def _opening(self, element: int) -> tuple[int, int]:
-        """Bytes from < to behind > of an element's opening tag, in whose values a > may stand."""
+        """Byte range of an element's opening tag from < to after >, where a > may also occur in attribute values."""
         start = self.elements[element].start
         found = re.compile(rb"<(?:[^>\"']|\"[^\"]*\"|'[^']*')*>").match(self.content, start)
         assert found is not None  # the parser has read it
@@ -120,24 +120,24 @@ def _elements(content: bytes) -> list[Element]:
 
 
 class Texts:
-    """The documents that the scene of an MJCF is made of; ``output`` is where the changed scene will be."""
+    """The documents of which the scene of an MJCF consists; ``output`` is the path of the edited scene."""
 
     def __init__(self, scene: Mjcf, output: str) -> None:
         self.scene, self.output = scene, output
         self.documents = [Document(scene.file)]
         folder = os.path.dirname(scene.file)
-        for document in self.documents:  # grows on the way
+        for document in self.documents:  # the list grows during the loop
             for i in document.find("include"):
                 path = os.path.join(folder, document.elements[i].attributes.get("file", ""))
                 if path not in {other.file for other in self.documents}:
                     self.documents.append(Document(path))
 
     def find(self, tag: str, **attributes: str) -> tuple[Document, int] | None:
-        """The first element of a tag with these attributes."""
+        """The first element with a tag and these attributes, and its document."""
         return next(((d, i) for d in self.documents for i in d.find(tag, **attributes)), None)
 
     def body(self, body: int) -> tuple[Document, int] | None:
-        """The element of a body: by its name, or as what the sensor's site is in."""
+        """The element of a body, by its name, or for an unnamed sensor body as the parent of the sensor's site."""
         name, site = self.scene.model.body(body).name, self.find("site", name=self.site_name)
         if name or site is None or body != self.scene.body:
             return self.find("body", name=name) if name else None
@@ -145,20 +145,20 @@ class Texts:
 
     @property
     def site_name(self) -> str:
-        """Of the sensor."""
+        """Name of the sensor's site."""
         return str(self.scene.model.site(self.scene.site).name)
 
     @property
     def inertia_from_geoms(self) -> bool:
-        """Whether an <inertial> counts for nothing."""
+        """Whether MuJoCo ignores <inertial> elements and takes inertia from geoms."""
         return any(d.elements[i].attributes.get("inertiafromgeom") == "true" for d, i in self.all("compiler"))
 
     def all(self, tag: str) -> list[tuple[Document, int]]:
-        """Every element of a tag."""
+        """All elements with a tag, and their documents."""
         return [(document, i) for document in self.documents for i in document.find(tag)]
 
     def written(self) -> dict[str, str]:
-        """Path -> text of the scene and of what it includes and was changed; all with the paths that hold there."""
+        """Path -> text of the scene and of the changed files that it includes, with file paths for the new place."""
         main, *others = self.documents
         target, stem = os.path.dirname(self.output), os.path.splitext(os.path.basename(self.output))[0]
         copies = {d.file: f"{stem}_{os.path.basename(d.file)}" for d in others if d.changed}
@@ -169,14 +169,14 @@ class Texts:
         return written | {os.path.join(target, copies[d.file]): d.text for d in others if d.file in copies}
 
     def _move_files(self, document: Document, here: str, there: str, copies: dict[str, str]) -> None:
-        """Paths in a document, relative to one folder, as they are from another."""
+        """Rewrite the paths in a document from relative to folder ``here`` to relative to folder ``there``."""
         in_folder = any(
             {"meshdir", "assetdir", "texturedir"} & d.elements[i].attributes.keys() for d, i in self.all("compiler")
         )
         for i, element in enumerate(document.elements):
             names = ("meshdir", "texturedir", "assetdir") if element.tag == "compiler" else FILES
             if element.tag not in ("compiler", "include") and in_folder:
-                continue  # found from those folders
+                continue  # relative to those folders
             for name in names:
                 path = element.attributes.get(name)
                 if path is None or os.path.isabs(path):
@@ -189,5 +189,5 @@ class Texts:
 
 
 def numbers(values: Array) -> str:
-    """Numbers as attributes have them, with twelve digits and without minus zero."""
+    """Numbers as text of an attribute, with twelve digits and without minus zero."""
     return " ".join(f"{float(f'{value:.12g}') + 0.0:.12g}" for value in values)

@@ -1,4 +1,4 @@
-"""``ftbias calibrate``: from logs to a setup in which every step predicts what it has not seen."""
+"""``ftbias calibrate``: a setup from logs, each step of which must improve predictions of held-out data."""
 
 import argparse
 from pathlib import Path
@@ -19,7 +19,7 @@ from ftbias_jax.setup.save import write_text
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Calibrate, and write the setup; 3 if samples of a log were lost, else 0."""
+    """Calibrate, and write the setup; returns 3 if samples of a log were lost, else 0."""
     drafts = arguments.setup is None
     if not drafts and (arguments.robot or arguments.urdf):
         raise UsageError("the setup states the robot", field="--robot, --urdf", remedy="leave out one of the two")
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _draft(arguments: argparse.Namespace) -> tuple[Setup, str]:
-    """A setup drafted from the first log, and the text of a URDF that the log has."""
+    """Setup drafted from the first log, and the text of the URDF that the log contains."""
     from ftbias_jax.commissioning.drafted import checked_draft
 
     logs = expand(arguments.logs, {})

@@ -1,4 +1,4 @@
-"""``ftbias check``: whether a setup can be right, as far as logs show it."""
+"""``ftbias check``: mistakes of sign, unit, frame or convention in a setup that logs show."""
 
 import argparse
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from ftbias_jax.setup import Setup
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print and write what is wrong; 1 if anything is, else 0; 3 if logs of an archive could not be checked."""
+    """Print and write the mistakes found; returns 1 if there are any, 3 if logs of an archive failed, else 0."""
     setup = setup_of(arguments)
     if arguments.output:
         return for_each_log(arguments, setup, check_one, {}, ".check.json", single=("json",))
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def check_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any]) -> Done:
-    """Check the setup on one log of many."""
+    """Check the setup on one log of an archive."""
     log = read_motion(path, setup)
     check = check_setup(setup, [log])
     check.to_json(output)

@@ -14,11 +14,11 @@ from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.dump import lines_of, toml_value
 
 MOST = 200
-"""Lines that are printed of JSON files."""
+"""Maximum number of differences that are printed."""
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the differences; 1 if there are any, else 0."""
+    """Print the differences; returns 1 if there are any, else 0."""
     one, two = arguments.one, arguments.two
     suffixes = {Path(path).suffix.lower() for path in (one, two)}
     compare = {".toml": _setups, ".npz": _results, ".json": _documents}.get(suffixes.pop())
@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _setups(one: str, two: str) -> Iterator[str]:
-    """Keys with another value, whatever the files look like."""
+    """Keys whose values differ, whatever the layout of the files."""
     said = [
         {f"{line.section} {line.key}": toml_value(line.value) for line in lines_of(load_setup(path)) if line.key}
         for path in (one, two)
@@ -52,7 +52,7 @@ def _differences(one: Mapping[str, str], two: Mapping[str, str]) -> Iterator[str
 
 
 def _documents(one: str, two: str) -> Iterator[str]:
-    """Values at the same place of two JSON files."""
+    """Values that differ at the same place in two JSON files."""
     yield from _differences(*(dict(_leaves(read_json(path, "a diagnosis or a check"), "")) for path in (one, two)))
 
 
@@ -71,7 +71,7 @@ def _leaves(value: Any, place: str) -> Iterator[tuple[str, str]]:
 
 
 def _results(one: str, two: str) -> Iterator[str]:
-    """Arrays of two results that differ, by the root mean square and the largest difference."""
+    """Arrays of two results that differ, with the root mean square and the maximum of the difference."""
     from ftbias_jax.io.write.npz import load_npz
 
     first, second = load_npz(one), load_npz(two)

@@ -1,4 +1,4 @@
-"""``ftbias demo``: a log with an effect its setup does not know, filtered, diagnosed, mended; needs no files."""
+"""``ftbias demo``: a log with an effect that its setup lacks, filtered, diagnosed and corrected; needs no files."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ FILES = (
 )
 """The figures come last: they need matplotlib."""
 TRUE_MASS = 0.97
-"""kg: somebody added 70 g to the tool and told nobody."""
+"""kg: 70 g more than the setup states, as if the tool had been changed without a change of the setup."""
 MOST_SAMPLES = 2_000_000
-"""Of the simulated log, which is held in memory several times."""
+"""Maximum number of samples of the simulated log, which is held in memory several times."""
 SETTLED = 1.0
-"""s, after which the filter is judged."""
+"""s after the start from which the filter is evaluated; the tare for comparison is taken before."""
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tell the whole story of one simulated log and write its files into a folder; returns 0."""
+    """Simulate, filter, diagnose, correct and filter again, printing each step and writing its files; returns 0."""
     folder, samples = Path(arguments.output), arguments.duration * arguments.rate
     if not 2 <= samples <= MOST_SAMPLES:
         remedy = f"ask for 2 to {MOST_SAMPLES} samples: seconds times rate"
@@ -79,11 +79,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse a folder in which the demonstration would replace a recording, or one of its files by another.
+    """Refuse a folder in which the demonstration would overwrite foreign files, or two of its files are the same.
 
     Raises:
-        OutputError: the folder has a log or a setup that is not of a demonstration.
-        UsageError: two of the files are one, by links.
+        OutputError: the folder has a log or a setup that is not from a demonstration.
+        UsageError: links make two of the files the same.
     """
     check_outputs({name: folder / name for name in FILES}, ())
     ours = dump_setup(parse_setup(SETUP)).encode()
@@ -103,7 +103,7 @@ def _filter(setup: Setup, log: Log, path: Path) -> FilterResult:
 
 
 def _diagnose(setup: Setup, log: Log, folder: Path) -> Diagnosis:
-    """Diagnosis, its report, and the setup with the causes it found."""
+    """Diagnose the log, and write the report and the setup with the causes found."""
     from ftbias_jax.diagnosis.diagnose import diagnose
 
     diagnosis = diagnose(setup, [log], ["log.npz"])
@@ -113,14 +113,14 @@ def _diagnose(setup: Setup, log: Log, folder: Path) -> Diagnosis:
 
 
 def _prediction(result: FilterResult) -> str:
-    """How well the filter knows the reading: the number that no forgiving noise can make small."""
+    """Error of the reading predicted 1 s ahead; unlike a likelihood, larger noise parameters cannot improve it."""
     rms = result.summary.one_second_rms
     force, torque = (np.sqrt(np.mean(np.square(part))) for part in (rms[:3], rms[3:]))
     return f"error of the reading predicted 1 s ahead: {force:.3f} N, {torque:.4f} Nm"
 
 
 def _against_truth(before: FilterResult, after: FilterResult, truth: Truth) -> str:
-    """Errors against the simulated truth: the filter twice, and a tare that trusts the first second for ever."""
+    """Table of errors against the simulated truth: filter before and after, and a tare from the first second."""
     from ftbias_jax.commissioning.result import aligned
 
     first = before.t - before.t[0] < SETTLED
@@ -145,7 +145,7 @@ def _against_truth(before: FilterResult, after: FilterResult, truth: Truth) -> s
 
 
 def _draw(folder: Path, results: dict[str, FilterResult], bias: Array) -> list[str]:
-    """A figure of each result, if matplotlib is there; their names."""
+    """Save a figure of each result, if matplotlib is installed; returns the names of the files."""
     from ftbias_jax.filtering.quality import plot
 
     names = []

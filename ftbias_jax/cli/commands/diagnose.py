@@ -25,13 +25,13 @@ from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import Setup
 
 FEW = 3
-"""Logs whose names are told while they are diagnosed."""
+"""Maximum number of logs whose names are shown while they are diagnosed."""
 ANSWER, REPORT, APPLIED = ".diagnosis.json", ".diagnosis.html", ".applied.toml"
-"""What is written for a log of many, behind its path without suffix."""
+"""Suffixes of the files written for one log of an archive, appended to its path without suffix."""
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Diagnose the logs; 1 if a cause cannot be applied or should not be, 3 if samples of a log were lost, else 0."""
+    """Diagnose the logs; returns 1 if a cause cannot or should not be applied, 3 if samples were lost, else 0."""
     if arguments.output and is_folder(arguments.output) and not arguments.pool:
         return _each(arguments)
     _check_apply(arguments)
@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             diagnosis = diagnose(setup, logs, names, **asked)
     diagnosis = diagnosis._replace(command=_command(paths, arguments.setup, arguments.pool))
-    latest = slice(-len(diagnosis.logs), None)  # of pooled logs those that were diagnosed, of others all
+    latest = slice(-len(diagnosis.logs), None)  # the diagnosed logs: the latest if pooled, else all
     print(diagnosis)
     not_stated = refused(setup, diagnosis.causes, diagnosis.terms) if arguments.apply else ()
     applied = arguments.apply and some_applied(diagnosis, not_stated)
@@ -91,12 +91,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def date_of(path: str, log: Log) -> float:
-    """s since 1970: when a log began, by its own stamps, or when its file was changed last."""
+    """Start of a log by its own stamps, or else the last modification of its file, s since 1970."""
     return log.start if FIRST_DATE < log.start < LAST_DATE or is_url(path) else os.path.getmtime(path)
 
 
 def _against_columns(setup: Setup, log: Log) -> Log:
-    """A log whose columns bring the wrench of a simulator, to be diagnosed against that; any other as it is."""
+    """Log prepared for diagnosis against a simulator if its columns hold a simulated wrench, else the log unchanged."""
     if not log.columns:
         return log
     from ftbias_jax.simulators.replay import against_columns
@@ -105,12 +105,12 @@ def _against_columns(setup: Setup, log: Log) -> Log:
 
 
 def _command(paths: list[str], setup: str, pool: str | None = None) -> str:
-    """The line that makes a diagnosis again."""
+    """Command line that reproduces a diagnosis."""
     return shlex.join(("ftbias", "diagnose", *paths, "--setup", setup, *(("--pool", pool) if pool else ())))
 
 
 def _with_effects(arguments: argparse.Namespace, setup: Setup) -> Setup:
-    """The setup with the effects that the caller brings; those to leave out are known."""
+    """Setup with the user's own effects, after a check that the effects to leave out exist."""
     from ftbias_jax.model.effects.catalogue import check_names
     from ftbias_jax.model.effects.terms.parse import TERM
     from ftbias_jax.model.own_effects import catalogue_of_setup, load_all
@@ -121,7 +121,7 @@ def _with_effects(arguments: argparse.Namespace, setup: Setup) -> Setup:
 
 
 def _check_apply(arguments: argparse.Namespace) -> None:
-    """Whether --apply, --output and --in-place go together; names the output of --in-place.
+    """Check that --apply, --output and --in-place are consistent, and set the output path.
 
     Raises:
         UsageError: --apply without --output, or the other way round.
@@ -140,7 +140,7 @@ def _check_apply(arguments: argparse.Namespace) -> None:
 
 
 def _each(arguments: argparse.Namespace) -> int:
-    """Every log by itself, into a folder."""
+    """Diagnose every log separately into a folder."""
     setup = setup_of(arguments)
     _with_effects(arguments, setup)
     asked = {"without": sorted(arguments.without), "unchecked": arguments.unchecked}
@@ -151,7 +151,7 @@ def _each(arguments: argparse.Namespace) -> int:
 
 
 def diagnose_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any]) -> Done:
-    """Diagnose one log of many: its answer, its report, and if asked the setup with the causes that can be stated."""
+    """Diagnose one log of an archive; write its diagnosis, its report and, if asked, the setup with its causes."""
     from ftbias_jax.commissioning.judged import objection
     from ftbias_jax.diagnosis.apply import refused, some_applied
     from ftbias_jax.diagnosis.diagnose import diagnose

@@ -1,4 +1,4 @@
-"""``ftbias effects``: what the catalogue has, what one entry is, and whether entries of one's own are in order."""
+"""``ftbias effects``: list the catalogue, describe an effect, or check the user's own effects."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print; returns 1 if a check found a fault, else 0."""
+    """List, describe or check effects; returns 1 if a check found a fault, else 0."""
     start_jax()
     from ftbias_jax.model.effects.catalogue import CATALOGUE, check_names
     from ftbias_jax.model.own_effects import catalogue_with, installed, load_all
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def check(files: list[str]) -> int:
-    """Print the faults of the effects in files, a line each; 1 if there are any, else 0."""
+    """Print the faults of the effects in files, one per line; returns 1 if there are any, else 0."""
     from ftbias_jax.diagnosis.check_effects import check_effects
     from ftbias_jax.diagnosis.regression.coordinates import why_not_fitted
     from ftbias_jax.model.own_effects import load_all
@@ -57,7 +57,7 @@ def check(files: list[str]) -> int:
 
 
 def describe(effect: Effect) -> Iterator[str]:
-    """What an effect is, line by line."""
+    """Description of an effect, line by line."""
     yield f"{effect.name} ({effect.stage}): {effect.explanation}"
     for parameter in effect.parameters:
         yield f"  {parameter.name} [{parameter.unit}]: {parameter.meaning}"

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Filter a log into a file, or an archive into a folder; 3 if samples were lost or nothing was gained, else 0."""
+    """Filter a log or an archive; returns 3 if samples were lost or the result is worse than the raw wrench, else 0."""
     many = is_folder(arguments.output)
     if not many:
         writer(arguments.output)
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
         return for_each_log(arguments, setup, filter_one, asked, f".{arguments.format}", single=single)
     if arguments.plot:
         figure_format(arguments.plot)
-        new_figure()  # a missing package is told before minutes are spent
+        new_figure()  # reports a missing package before minutes are spent
     kinds = {"--output": RESULT, "--plot": FIGURE, "--offsets": EXPORT}
     beside = {f"the description {path!r}": path for path in written(arguments.output)[1:]}
     path = only(logs_of(arguments, setup, kinds, beside), f"the one file {arguments.output!r}")
@@ -93,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def filter_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any]) -> Done:
-    """Filter one log of many."""
+    """Filter one log of an archive."""
     log = open_log(path, setup, salvage=asked["salvage"])
     fields = tuple(filter(None, asked["fields"].split(",")))
     selection = Selection(fields, asked["precision"], asked["every"], asked["rate"])
@@ -113,22 +113,22 @@ def filter_file(
     keep: bool = False,
     **further: Any,
 ) -> FilterResult:
-    """Filter a log into a file, which appears whole or not at all.
+    """Filter a log into a file, which is written completely or not at all.
 
-    A long NPZ log into an NPZ file takes memory for its stamps and for a few chunks; everything else is held whole.
+    From NPZ to NPZ, a long log needs memory only for its stamps and a few chunks; in all other cases it is held whole.
 
     Args:
-        log: opened by ``open_log``.
-        setup: of robot, sensor and tool.
-        output: the file; its suffix names the format.
-        selection: what of the result is written.
-        smooth: add the bias given past and future.
-        keep: the result has all arrays; otherwise they may be those of the last part.
-        further: arguments of ``filter_with_setup``.
+        log: log opened by ``open_log``.
+        setup: setup of robot, sensor and tool.
+        output: output file, whose suffix selects the format.
+        selection: parts of the result that are written.
+        smooth: also estimate the bias given past and future samples.
+        keep: return all arrays; otherwise they may be those of the last chunk only.
+        further: further arguments of ``filter_with_setup``.
 
     Raises:
-        LogError: the log is damaged. SetupError: the tool is not stated, and the log turns it. OutputError, UsageError:
-            the result cannot be written.
+        LogError: the log is damaged. SetupError: the tool is not stated although the log turns it. OutputError,
+            UsageError: the result cannot be written.
     """
     from ftbias_jax.filtering.method.runs import alone
     from ftbias_jax.filtering.verbs.from_setup import filter_with_setup

@@ -22,7 +22,7 @@ from ftbias_jax.setup import Setup
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Identify the tool and write a setup that has it; 3 if samples were lost."""
+    """Identify the tool and write a setup with it; returns 3 if samples were lost, else 0."""
     asked = {name: getattr(arguments, name) for name in ("mounting", "gravity", "bias", "crosstalk", "unchecked")}
     if arguments.output and is_folder(arguments.output):
         setup, of_each = setup_of(arguments), asked | {"payloads": arguments.payloads}
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def identify_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any]) -> Done:
-    """Identify the tool from one log of many."""
+    """Identify the tool from one log of an archive."""
     from ftbias_jax.calibration.identify_tool import identify_tool
 
     log, choices = read_motion(path, setup), {**asked}
@@ -65,10 +65,10 @@ def identify_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any])
 def with_payloads(
     setup: Setup, log: Log | Poses, path: str, unchecked: bool, progress: Callable[[str], None] = silent
 ) -> tuple[Setup, str]:
-    """The setup with the parts that are carried in a log, and words on them.
+    """Setup with the payloads that are carried in a log, and their description.
 
     Raises:
-        UsageError: of static poses. LogError, SetupError: as of ``identify_payloads``.
+        UsageError: the log consists of static poses. LogError, SetupError: as in ``identify_payloads``.
     """
     if isinstance(log, Poses):
         remedy = "give a log of motion, or leave it out"

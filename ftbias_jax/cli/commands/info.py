@@ -1,4 +1,4 @@
-"""``ftbias info``: what is in a log, and what can be filtered from it."""
+"""``ftbias info``: contents of a log, and whether it can be filtered."""
 
 import argparse
 import math
@@ -18,7 +18,7 @@ MAX_LISTED = 8
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print what is there; returns 3 if a part could not be read, else 0."""
+    """Print the contents of a log; returns 3 if a part could not be read, else 0."""
     setup = None if arguments.setup is None else load_setup(arguments.setup, allow_outside=arguments.allow_outside)
     info = describe(arguments.log, setup, salvage=True)
     print(format_info(arguments.log, info))
@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _next(arguments: argparse.Namespace, setup: Setup | None, info: LogInfo, rests: str) -> str:
-    """The command that goes on from here."""
+    """Command to run next."""
     log = shlex.quote(arguments.log)
     if setup is None:
         has_joints = any(stream.names or stream.name == "joints" for stream in info.streams)
@@ -47,7 +47,7 @@ def _next(arguments: argparse.Namespace, setup: Setup | None, info: LogInfo, res
 
 
 def format_info(file: str, info: LogInfo) -> str:
-    """The log on a page, one paragraph a stream; names from the log cannot disturb a terminal."""
+    """Description of a log, one paragraph per stream; unprintable characters of its names are replaced."""
     lines = [line for stream in info.streams for line in _stream_lines(stream)]
     if info.topics:
         lines.append("other topics: " + _listed([f"{cut(topic.name)} ({topic.messages})" for topic in info.topics]))
@@ -75,7 +75,7 @@ def _stream_lines(stream: StreamInfo) -> list[str]:
 
 
 def _moment(seconds: float) -> str:
-    """A stamp as a date, if it can be one: seconds since 1970, after the year 2000."""
+    """Stamp as a date if it is in the years 2000 to 2099 as seconds since 1970, else in seconds."""
     if not 946684800 < seconds < 4102444800:
         return f"{seconds:.6g} s"
     return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")

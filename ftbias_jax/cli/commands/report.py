@@ -1,4 +1,4 @@
-"""``ftbias report``: what the logs of a fleet show together, or one result, as one HTML page."""
+"""``ftbias report``: one HTML page with the results of a fleet of robots, or of a single log."""
 
 import argparse
 import os

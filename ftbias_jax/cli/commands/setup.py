@@ -1,4 +1,4 @@
-"""``ftbias setup``: a first setup, as far as a robot's name, files or a log tell it."""
+"""``ftbias setup``: draft a setup from a robot's name, its description files or a log."""
 
 import argparse
 import json
@@ -18,7 +18,7 @@ from ftbias_jax.setup.save import write_text
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write or print what is asked for; returns 0."""
+    """Write or print the draft, or print the JSON Schema or the built-in robots; returns 0."""
     if arguments.schema:
         print(json.dumps(json_schema(), indent=1))
         return 0

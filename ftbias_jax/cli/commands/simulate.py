@@ -1,5 +1,5 @@
-"""Before anything is recorded: ``ftbias simulate``, a log as a robot would record it with what is true in another file,
-and ``ftbias plan``, the motion that tells most about what is asked."""
+"""``ftbias simulate``: a log as a robot would record it, with the truth in another file. ``ftbias plan``: the motion
+that is most informative about the tool, the noise or effects."""
 
 import argparse
 from functools import partial
@@ -15,9 +15,9 @@ from ftbias_jax.runtime.progress import Stages
 from ftbias_jax.setup import load_setup
 
 GENERATED = ("sines", "moves")
-"""Motions that are not read from a log."""
+"""Motions that are generated instead of being read from a log."""
 CONTROLLERS = {"ros": ".yaml", "bag": ".mcap", "ur": ".script", "franka": ".json"}
-"""Option of ``plan`` -> suffix of its file, as ``planning.controllers`` knows them."""
+"""Option of ``plan`` -> suffix of its file; the formats are those of ``planning.controllers``."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def plan_motion(arguments: argparse.Namespace) -> int:
-    """``ftbias plan``: plan a motion and write it; 3 if samples of a log were lost, else 0."""
+    """``ftbias plan``: plan a motion and write it; returns 3 if samples of a log were lost, else 0."""
     writer(arguments.output)
     wanted = {name: getattr(arguments, name) for name in CONTROLLERS if getattr(arguments, name)}
     for name, path in wanted.items():

@@ -1,4 +1,4 @@
-"""``ftbias tune``: noise parameters of maximum likelihood from one log or many."""
+"""``ftbias tune``: fit the noise parameters to one or more logs by maximum likelihood."""
 
 import argparse
 import io
@@ -25,18 +25,18 @@ NOT_CONVERGED = "a fit did not converge; its values are the best so far"
 
 
 class Used(NamedTuple):
-    """The logs that a tool is tuned to."""
+    """Logs of one tool to which the noise is fitted, and those that are left out."""
 
     logs: dict[str, Log]
-    """By their paths."""
+    """Path -> log."""
     errors: Mapping[str, FtbiasError]
-    """Why others cannot be used, by their paths."""
+    """Path -> reason why the log cannot be used."""
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tune and write a setup; 1 if a fit did not converge, else 3 if logs or samples were left out.
+    """Tune and write a setup; returns 1 if a fit did not converge or is refused, 3 if data were left out, else 0.
 
-    Of several processes, the first one speaks and writes.
+    Of several processes, only the first one prints and writes.
     """
     tools = _tools(arguments)
     asked = {
@@ -70,11 +70,11 @@ def run(arguments: argparse.Namespace) -> int:
     from ftbias_jax.runtime.jax_config import prepare_jax
 
     apart = arguments.distributed is not None
-    if apart:  # before anything asks JAX for its devices
+    if apart:  # must precede every query of JAX's devices
         if len(tools) > 1:
             raise UsageError("is for one setup", field="--distributed", remedy="tune several tools by one process")
         place = arguments.distributed
-        distributed.start(*(place if isinstance(place, tuple) else ()))  # what is not stated, a launcher knows
+        distributed.start(*(place if isinstance(place, tuple) else ()))  # a launcher supplies what is not given
     prepare_jax()
     from ftbias_jax.calibration.tune_setup import tune
     from ftbias_jax.model.own_effects import load_all
@@ -120,10 +120,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def tune_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any]) -> Done:
-    """Tune the noise to one log of many.
+    """Fit the noise to one log of an archive.
 
     Raises:
-        LogError: the result would predict unseen data worse than the setup, and nobody forces it.
+        LogError: the result predicts held-out data worse than the setup, and ``force`` is not set.
     """
     from ftbias_jax.calibration.tune_setup import tune
 
@@ -138,12 +138,12 @@ def tune_one(path: str, output: str, setup: Setup, asked: Mapping[str, Any]) -> 
 
 
 def usable(setup: Setup, paths: Sequence[str], unchecked: bool) -> Used:
-    """Read logs; leave out those that cannot be read, and those that alone show the setup to be wrong.
+    """Read logs; leave out those that cannot be read, and those that contradict the setup unless all of them do.
 
     Args:
-        setup: of all of them.
-        paths: of the logs.
-        unchecked: do not look whether the setup can be right.
+        setup: setup of all logs.
+        paths: paths of the logs.
+        unchecked: skip the check of the setup against the logs.
     """
     logs: dict[str, Log] = {}
     errors: dict[str, FtbiasError] = {}
@@ -161,7 +161,7 @@ def usable(setup: Setup, paths: Sequence[str], unchecked: bool) -> Used:
 
 
 def _mistaken(setup: Setup, logs: Sequence[Log], unchecked: bool) -> FtbiasError | None:
-    """What is wrong with logs and setup; None = nothing."""
+    """Error raised by the check of a setup against logs; None if it passes."""
     try:
         if logs:
             require_right(setup, logs, "tune", unchecked)
@@ -176,10 +176,10 @@ def _tell_left_out(errors: Mapping[str, FtbiasError]) -> None:
 
 
 def _share(setup: Setup, paths: list[str], unchecked: bool) -> tuple[Used, Log]:
-    """The logs of this one of several processes, after all have agreed which can be used, and the log all start from.
+    """Logs of this process, once all agree which logs are usable, and the log that the joint noise starts from.
 
     Raises:
-        FtbiasError: too few logs are left, or they show the setup to be wrong; all processes end then.
+        FtbiasError: too few logs are left, or they contradict the setup; then all processes end.
     """
     import jax
 
@@ -199,7 +199,7 @@ def _share(setup: Setup, paths: list[str], unchecked: bool) -> tuple[Used, Log]:
 
 
 def _tools(arguments: argparse.Namespace) -> list[tuple[str, list[str]]]:
-    """Setups and their logs: those after --setup, or all logs if there is one setup."""
+    """Setups with their logs: those that follow each --setup, or all logs if there is a single setup."""
     tools = [(setup, logs) for setup, *logs in arguments.setup]
     if len(tools) == 1:
         tools = [(tools[0][0], [*arguments.logs, *tools[0][1]])]

@@ -1,1 +1,1 @@
-"""The commands that have to do with simulators and controllers of others."""
+"""Commands for third-party simulators and controllers."""

@@ -1,4 +1,4 @@
-"""``ftbias export``: the tool for controllers and ROS, what was found for simulators, layouts for viewers."""
+"""``ftbias export``: the tool for controllers and ROS, findings of a diagnosis for simulators, layouts for viewers."""
 
 import argparse
 import os
@@ -20,7 +20,7 @@ OF_SIMULATORS = ("mjcf", "urdf", "sensor")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write or print what is asked for; returns 0."""
+    """Write or print the requested export; returns 0."""
     output = arguments.output
     if arguments.format in ("mjcf", "urdf"):
         return _mend(arguments)
@@ -63,7 +63,7 @@ def sensor_file_text(setup: Setup, by: str) -> str:
 
 
 def found_setup(arguments: argparse.Namespace) -> Setup:
-    """The setup that is named, or the one of a diagnosis with what that found."""
+    """The named setup, or the setup of a named diagnosis with its findings as effects."""
     found = arguments.found
     if not found:
         raise UsageError("needs a setup with the tool", field="SETUP.toml", remedy="name it")
@@ -82,7 +82,7 @@ def found_setup(arguments: argparse.Namespace) -> Setup:
 
 
 def _mend(arguments: argparse.Namespace) -> int:
-    """A mended scene or URDF, the sensor model and what neither says."""
+    """Write a corrected scene or URDF, the sensor model, and the list of effects that neither can express."""
     if not (arguments.like and arguments.output):
         field = "--output" if arguments.like else "--like"
         raise UsageError("a file is mended in a copy of it", field=field, remedy="--like SCENE.xml -o MENDED.xml")
@@ -113,5 +113,5 @@ def _mend(arguments: argparse.Namespace) -> int:
 
 
 def scene_of(setup: Setup, path: str, site: str = "", base: str = "") -> Mjcf:
-    """The scene at a path, with site and base as named, or as the setup names them of its own."""
+    """Load the scene at a path; its site and base default to those that the setup states."""
     return load_mjcf(path, site or setup.robot.site, base or setup.robot.base_link)

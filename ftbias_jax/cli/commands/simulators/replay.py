@@ -1,4 +1,4 @@
-"""``ftbias replay``: what a scene of MuJoCo says of a log. ``ftbias validate-sim``: how far it is from others."""
+"""``ftbias replay``: wrench that a MuJoCo scene predicts for a log. ``ftbias validate-sim``: its errors on new logs."""
 
 import argparse
 from pathlib import Path
@@ -22,10 +22,10 @@ from ftbias_jax.setup.types import sign_of
 
 
 def scene_at_sensor(setup: Setup, path: str) -> Mjcf:
-    """A scene whose site is the setup's sensor; "" = the setup's own.
+    """Load a scene whose site is at the setup's sensor; "" = the scene of the setup itself.
 
     Raises:
-        SetupError: the setup has the sensor beside the site. UsageError: nothing names a scene.
+        SetupError: the setup places the sensor away from the site. UsageError: neither path nor setup names a scene.
     """
     path = path or (setup.description if setup.description.endswith(".xml") else "")
     if not path:
@@ -37,7 +37,7 @@ def scene_at_sensor(setup: Setup, path: str) -> Mjcf:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write what the scene says; 3 if samples of the log were lost, else 0."""
+    """Write the wrench that the scene predicts; returns 3 if samples of the log were lost, else 0."""
     setup = setup_of(arguments)
     (path,) = logs_of(arguments, setup, {"--output": LOG}, stated=(*setup.files, arguments.mjcf))
     scene, log = scene_at_sensor(setup, arguments.mjcf), read_log(path, setup)
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def validate(arguments: argparse.Namespace) -> int:
-    """Compare logs with a scene before and after it was mended; 3 if samples were lost, else 0."""
+    """Compare logs with a scene before and after its correction; returns 3 if samples were lost, else 0."""
     setup, mended = setup_of(arguments), found_setup(arguments)
     kinds = {"--json": SCORE}
     paths = logs_of(arguments, setup, kinds, stated=(*setup.files, arguments.like, arguments.mended))

@@ -1,4 +1,4 @@
-"""``ftbias sample``: many simulators that the data allow, to train on."""
+"""``ftbias sample``: draw many simulators that are consistent with the data, to train on."""
 
 import argparse
 import os
