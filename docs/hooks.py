@@ -1,7 +1,7 @@
-"""What MkDocs does beside its plugins when it builds the site: pages from the code's own tables, and formulas.
+"""MkDocs hooks that generate pages of the site from the tables of the code and convert formulas to MathML.
 
-Generated pages cannot disagree with the code: the setup's keys come from the table that makes the parser's checks, too.
-Formulas become MathML, which browsers typeset by themselves, without a script or a font from the network.
+Generated pages cannot disagree with the code: the setup's keys come from the same table as the parser's checks.
+Browsers typeset MathML natively, without a script or a font from the network.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ MINIMAL: dict[str, dict[str, Any]] = {
     "sensor": {"noise_std": [0.1, 0.004]},
     "tool": {"mass": 0.7, "center_of_mass": [0.0, 0.0, 0.06]},
 }
-"""The shortest setup: what it leaves out shows its default."""
+"""Shortest valid setup; its page lists the defaults of the keys that it leaves out."""
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """MkDocs calls this with the files of the site: add those that are generated."""
+    """Add the generated pages to the files of the site; called by MkDocs."""
     from mkdocs.structure.files import File
 
     for path, page in PAGES.items():
@@ -35,7 +35,7 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """MkDocs calls this with the HTML of a page: typeset its formulas."""
+    """Convert the formulas in the HTML of a page to MathML; called by MkDocs."""
     inline, block = (
         r'<span class="arithmatex">\\\((.*?)\\\)</span>',
         r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>',
@@ -46,20 +46,20 @@ def on_page_content(content: str, **_: Any) -> str:
 
 
 def on_post_build(config: Any, **_: Any) -> None:
-    """MkDocs calls this in the end: the page that a server shows for wrong addresses starts all of its own at "/"."""
+    """Delete the page for unknown addresses, whose links all start at "/"; called by MkDocs after the build."""
     (Path(config.site_dir) / "404.html").unlink(missing_ok=True)
 
 
 def _mathml(latex: str, display: Literal["inline", "block"]) -> str:
-    """A formula of LaTeX, as it stands in HTML, as MathML."""
+    """Convert a LaTeX formula with HTML entities to MathML."""
     from latex2mathml.converter import convert
 
-    # The converter knows aligned rows by their name outside of formulas only.
+    # The converter knows aligned rows only by the name of the environment that LaTeX uses outside of formulas.
     return convert(" ".join(html.unescape(latex).split()).replace("{aligned}", "{align*}"), display=display)
 
 
 def effects_page() -> str:
-    """Every effect of the catalogue, stage by stage."""
+    """Markdown page of all effects of the catalogue, grouped by stage."""
     from ftbias_jax.model.effects.catalogue import CATALOGUE
 
     stages: dict[str, list[Any]] = {}
@@ -110,7 +110,7 @@ def _span(scale: Any) -> str:
 
 
 def setup_page() -> str:
-    """Every key of the table, and every built-in robot."""
+    """Markdown page of all setup keys and all built-in robots."""
     from ftbias_jax.setup.keys.table import SECTIONS
     from ftbias_jax.setup.robots import BUILT_IN, describe_robot
 
@@ -161,7 +161,7 @@ def _default(key: Any) -> str:
 
 
 def command_line_page() -> str:
-    """``--help`` of every command."""
+    """Markdown page with the ``--help`` output of every command."""
     os.environ["COLUMNS"], os.environ["NO_COLOR"] = "100", "1"
     from ftbias_jax.cli.main import build_parser
 
@@ -181,18 +181,18 @@ def _helps(name: str, parser: Any) -> Iterable[tuple[str, str]]:
 
 
 def verbs_page() -> str:
-    """What ``import ftbias_jax as ft`` offers: a table of all names, and what no other page documents."""
+    """Markdown page of all names in ``ftbias_jax``, with details of those that no other page documents."""
     import ftbias_jax
 
     elsewhere = _documented()
     rows, rest = [], []
     for name in getattr(ftbias_jax, "__all__", ()):
         thing = getattr(ftbias_jax, name)
-        own = getattr(thing, "__qualname__", name)  # a constant has no name of its own
+        own = getattr(thing, "__qualname__", name)  # a constant has no __qualname__
         path = elsewhere.get(id(thing), f"ftbias_jax.{ftbias_jax._MODULE_OF[name]}.{own}")
         summary = (thing.__doc__ or "").strip().splitlines()[0]
         rows.append((f"[`ft.{name}`][{path}]", summary))
-        if id(thing) not in elsewhere and not name.isupper():  # a module's page has its constants
+        if id(thing) not in elsewhere and not name.isupper():  # constants are documented on their module's page
             rest.append(f"::: {path}\n    options:\n      heading: ft.{name}\n      toc_label: {name}\n")
     functions_first = sorted(rows, key=lambda row: row[0][len("[`ft.")].isupper())
     return "\n".join(
@@ -207,7 +207,7 @@ def verbs_page() -> str:
 
 
 def _documented() -> dict[int, str]:
-    """id of an object -> its path, for what the other pages of the API document."""
+    """Map the id of each object that another API page documents to its import path."""
     found = {}
     for page in sorted((HERE / "pages" / "api").glob("*.md")):
         for path in re.findall(r"^::: (\S+)", page.read_text(), re.MULTILINE):
@@ -240,4 +240,4 @@ PAGES: dict[str, Callable[[], str]] = {
     "reference/command-line.md": command_line_page,
     "api/index.md": verbs_page,
 }
-"""Path in the site -> what makes it."""
+"""Path of a generated page in the site -> the function that returns its Markdown."""

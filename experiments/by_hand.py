@@ -1,4 +1,4 @@
-"""The passes of the method one by one, for experiments that filter a log with another noise than its own."""
+"""The passes of ``filter_log`` one by one, for experiments that filter a log with noise that was fitted elsewhere."""
 
 from functools import partial
 
@@ -14,13 +14,13 @@ from ftbias_jax.filtering.method.ready import result_of
 from ftbias_jax.filtering.method.work import Work
 from ftbias_jax.filtering.noise.blocks import jumps_in, layout_of, to_samples, without_jumps
 from ftbias_jax.filtering.noise.fit_noise import fit_noise
-from ftbias_jax.filtering.noise.log_noise import told
+from ftbias_jax.filtering.noise.log_noise import log_noise_from
 from ftbias_jax.filtering.samples import samples_of
 
 
 @partial(jax.jit, static_argnames=("options", "layout"))
 def blocks_of(params, samples, options, layout):
-    """The log in blocks, with its joints smoothed."""
+    """Block means and scatter of a log, after its joints are smoothed."""
     blocks = passes.blocks_of(smooth_joints(_work(params, samples, options, layout)))
     return blocks if samples.rezeroed is None else without_jumps(blocks, jumps_in(layout, samples.rezeroed))
 
@@ -43,26 +43,26 @@ def _work(params, samples, options, layout):
 
 
 class Log:
-    """A log whose noise is found, and that is filtered, with these parameters; ``options`` state the gate."""
+    """A log with parameters, to fit its noise and to filter it; ``options`` set the gate."""
 
     def __init__(self, params, log):
         self.params, self.log, self.samples = params, log, samples_of(params, log)
         self.layout = layout_of(np.diff(log.t))
 
     def blocks(self, options):
-        """Means and scatter of its blocks."""
+        """Return means and scatter of the blocks of the log."""
         return blocks_of(self.params, self.samples, options, self.layout)
 
     def noise(self, blocks):
-        """The noise of the filter, and what the blocks show: for ``filtered`` and ``in_words``."""
+        """Fit the noise to blocks; return the filter's noise and the findings, for ``filtered`` and ``in_words``."""
         return find(self.params.bias, blocks, self.layout)
 
     def in_words(self, noise):
-        """The same one thing after the other."""
-        return told(jax.tree.map(np.asarray, noise[1]), self.layout, slow_is_stated=False)
+        """Return the findings of ``noise`` as the noise report of a result."""
+        return log_noise_from(jax.tree.map(np.asarray, noise[1]), self.layout, slow_is_stated=False)
 
     def filtered(self, noise, options):
-        """The result with this noise, None = as stated, and its parameters."""
+        """Filter the log with this noise (None = as stated in the setup); return the result and its parameters."""
         found = jax.tree.map(np.asarray, _filter(self.params, self.samples, noise, options, self.layout))
         contacts = () if noise is None else self.in_words(noise).contacts
         return result_of(self.log, *found[1:], contacts), found[0]

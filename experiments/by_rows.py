@@ -1,4 +1,4 @@
-"""Experiments that make one row of each index, in processes, and go on where a file of rows ends."""
+"""Command line of experiments that compute one row per index, in processes, and resume from a file of rows."""
 
 import argparse
 import json
@@ -9,13 +9,13 @@ from ftbias_jax.runtime.executors import run_each
 
 
 def by_rows(one, doc, count, show=lambda row: row):
-    """The seed that was asked for on the command line, and rows in the order of their indices.
+    """Compute the missing rows; return the seed of the command line and all rows in the order of their indices.
 
     Args:
-        one: (index, seed) -> a row, a dict with its "index".
-        doc: for ``--help``.
-        count: of rows, unless ``--count`` says otherwise.
-        show: what is printed of a row once it is there.
+        one: function (index, seed) -> row, a dict with its "index".
+        doc: text of ``--help``.
+        count: number of rows, unless ``--count`` is given.
+        show: function that returns what is printed of a finished row.
     """
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=count)

@@ -1,4 +1,4 @@
-"""What the experiments share: the demonstration's arm, two kinds of motion, and how results are kept."""
+"""Shared code of the experiments: the demonstration's arm, two kinds of motion, and how results are saved."""
 
 import json
 import platform
@@ -22,18 +22,18 @@ jax.config.update("jax_enable_x64", True)
 
 SETUP = parse_setup(demo.SETUP)
 CENTER, EXCURSION = working_range(SETUP)
-"""(n,) rad: the middle of motions, and how far they go from there."""
+"""(n,) rad: centre of the motions, and their largest excursion from it."""
 PARAMS = params_from_setup(SETUP)
 TOP_SPEED = 1.5  # rad/s
 
 
 def sines(seed, t):
-    """Every joint swings all the time; the fastest of its sines has 0.2 Hz."""
+    """Trajectory in which every joint moves all the time as a sum of sines of at most 0.2 Hz."""
     return excitation_sines(jax.random.key(seed), t, jnp.array(CENTER), jnp.array(EXCURSION))
 
 
 def moves(seed, t):
-    """Minimum-jerk moves from pose to pose with short stops, as robots are programmed."""
+    """Trajectory of minimum-jerk moves between random poses with short stops, as robots are usually programmed."""
     rng, stamps = np.random.default_rng(seed), np.asarray(t)
     here, start = CENTER, 0.0
     q, dq, ddq = (np.zeros((len(stamps), len(here))) for _ in range(3))
@@ -54,7 +54,7 @@ MOTIONS = {"sines": sines, "moves": moves}
 
 @partial(jax.jit, static_argnames="count")
 def simulate_logs(seed, count, params, trajectories):
-    """Logs with a leading axis: the truth, and what the filter sees."""
+    """Simulate logs along a leading axis; return the true signals and the samples that the filter gets."""
     keys = jax.random.split(jax.random.key(seed), count)
     truth = jax.vmap(partial(simulate.simulate, params=params))(keys, trajectory=trajectories)
     dt = jnp.diff(truth.t, axis=1, prepend=truth.t[:, :1])
@@ -62,7 +62,7 @@ def simulate_logs(seed, count, params, trajectories):
 
 
 def keep(script, result, figure=None, name="result"):
-    """result.json, with the versions it was made by, and result.png if there is a figure, beside the script."""
+    """Write result.json, with the package versions, and result.png if there is a figure, beside the script."""
     folder = Path(script).parent
     (folder / f"{name}.json").write_text(json.dumps({"versions": versions(), "result": result}, indent=1) + "\n")
     if figure is not None:
@@ -70,11 +70,11 @@ def keep(script, result, figure=None, name="result"):
 
 
 def versions():
-    """What a number depends on beside the code: the package and what it computes with."""
+    """Versions of the package, JAX, NumPy and Python, on which the results depend."""
     packages = {name: version(name) for name in ("ftbias-jax", "jax", "numpy")}
     return packages | {"python": platform.python_version()}
 
 
 def rounded(values, digits=4):
-    """Numbers for a small file: significant digits, nested lists."""
+    """Round numbers to significant digits, as nested lists for a small JSON file."""
     return jax.tree.map(lambda x: float(f"{float(x):.{digits}g}"), np.asarray(values).tolist())

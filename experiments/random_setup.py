@@ -1,10 +1,9 @@
-"""A robot with a random tool that is as stated, for experiments that simulate many."""
+"""A robot with a random tool, for experiments that simulate many robots whose setup is right."""
 
 import ftbias_jax as ft
 
 
 def random_setup(rng, robot="panda"):
-    """A setup of a built-in robot whose tool is as stated."""
     inertia = rng.uniform(1e-3, 3e-3)
     return ft.parse_setup(
         {

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from ftbias_jax.calibration.judgement import HORIZONS, STRETCHES
+from ftbias_jax.calibration.judgement import HORIZONS, SEGMENTS
 from ftbias_jax.commissioning.judged import Judged
 
 T = 4_000
-STRETCH = np.repeat(np.arange(STRETCHES), T // STRETCHES)
+SEGMENT = np.repeat(np.arange(SEGMENTS), T // SEGMENTS)
 
 
 def judged(scale=1.0, seed=0, used=1.0, inside=0.95):
@@ -15,4 +15,4 @@ def judged(scale=1.0, seed=0, used=1.0, inside=0.95):
     took = rng.random(T) < used
     within = np.where(took[:, None], rng.random(errors.shape) < inside, np.nan)
     constant = 5.0 * rng.standard_normal((2, T, 6))
-    return Judged(np.where(took[None, :, None], errors, np.nan), within, took.astype(float), STRETCH, constant)
+    return Judged(np.where(took[None, :, None], errors, np.nan), within, took.astype(float), SEGMENT, constant)

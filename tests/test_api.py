@@ -169,7 +169,7 @@ def test_logs_of_two_tools_tell_the_noise_of_the_sensor_from_that_of_the_motion(
         (1, {"fit": ["joint"]}, "fit: cannot fit 'joint'"),
         (1, {"tie": "all"}, "tie: got 'all'"),
         (1, {"data_noise": "two"}, "data_noise: got 'two'"),
-        (1, {"fit": ["data"], "total": max}, "fit: data is fitted by one process"),
+        (1, {"fit": ["data"], "total": max}, "fit: Sigma_D (data) can only be fitted in a single process"),
         (1, {"hold_out": 1.0}, "hold_out: got 1.0"),
     ],
 )

@@ -1,8 +1,8 @@
 # %% [markdown]
 # # Diagnose a gap
 #
-# Somebody added 70 g to the tool and told nobody. The filter's predictions are bad, the diagnosis finds the cause,
-# and with the mended setup the predictions are good. Editors and Jupyter (by jupytext) open this script as a notebook.
+# The tool is 70 g heavier than the setup states, so the filter predicts the readings badly. The diagnosis finds the
+# cause, and the corrected setup predicts well. Editors and Jupyter (with jupytext) open this script as a notebook.
 
 # %%
 import matplotlib
@@ -23,16 +23,16 @@ setup = ft.parse_setup(
 simulated = ft.simulate(setup, {"tool_mass": {"mass": 0.97}}, duration=20, rate=125, seed=4)
 
 # %% [markdown]
-# ## Before
+# ## Filter with the nominal setup
 #
-# The innovations should be white with the size of the noise.
+# With a correct setup, the innovations would be white and as large as the noise.
 
 # %%
 before = ft.filter_log(setup, simulated.log)
 print(before)
 
 # %% [markdown]
-# ## Why
+# ## Find the cause
 
 # %%
 diagnosis = ft.diagnose(setup, [simulated.log])
@@ -41,7 +41,7 @@ diagnosis.to_html("report.html")
 assert [cause.effect for cause in diagnosis.causes] == ["tool_mass"]
 
 # %% [markdown]
-# ## After
+# ## Filter with the corrected setup
 
 # %%
 fixed = diagnosis.apply(setup)

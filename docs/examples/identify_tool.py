@@ -1,4 +1,4 @@
-"""Find the mass, centre of mass and inertia of a tool that the setup knows badly."""
+"""Identify the mass, centre of mass and inertia of a tool whose values in the setup are inaccurate."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The likelihoods of many logs at once, and their gradients in every parameter."""
+"""Compute the log-likelihoods of several logs in one batch, and their gradients with respect to every parameter."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ logs = [ft.simulate(setup, duration=seconds, rate=200, seed=seed).log for seed, 
 samples = [ft.samples_from_log(log) for log in logs]
 params = ft.params_for_log(setup, logs[0])
 
-# Padding makes logs equally long and changes no result, so that one compiled program maps over all of them.
+# Padding makes the logs equally long without changing a result, so one compiled program maps over all of them.
 longest = max(len(log.t) for log in logs)
 together = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(pad(one, longest) for one in samples))
 value_and_grad = jax.jit(jax.vmap(jax.value_and_grad(ft.log_likelihood), (None, 0)))

@@ -1,4 +1,4 @@
-"""An effect of your own that has a place: a magnet beside the way attracts the tool."""
+"""Define an effect with an unknown position: a magnet beside the path attracts the tool."""
 
 # --8<-- [start:effect]
 import itertools
@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 import ftbias_jax as ft
 
-# Where the search starts: around the robot, m, base frame.
+# Start positions of the search, around the robot: m, base frame.
 PLACES = tuple(itertools.product((-0.6, 0.0, 0.6), (-0.6, 0.0, 0.6), (0.0, 0.5)))
 
 

@@ -1,4 +1,4 @@
-"""Many logs of equal length filtered by one program, and how their bias at the end depends on the stated noise."""
+"""Filter logs of equal length with one program, and differentiate the bias uncertainty with respect to sigma_Q."""
 
 from pathlib import Path
 
@@ -12,14 +12,14 @@ jax.config.update("jax_enable_x64", True)
 
 setup = ft.load_setup(Path(__file__).with_name("setup.toml"))
 logs = [ft.simulate(setup, duration=10.0, rate=250.0, seed=seed).log for seed in range(4)]
-params = ft.params_for_log(setup, logs[0], guarded=False)  # joints are smoothed: no guard against lag
+params = ft.params_for_log(setup, logs[0], guarded=False)  # the joints are smoothed, so no guard against lag is needed
 samples = [ft.samples_from_log(log)._replace(temperature=None) for log in logs]
 many = jax.tree.map(lambda *x: jnp.stack(x), *samples)
 layout = ft.layout_of(np.asarray(samples[0].dt))
 
 
 def filtered(params, samples):
-    """Parameters with the noise of the log, states and infos of every sample."""
+    """Return the parameters with the noise of the log, and the states and infos of every sample."""
     return ft.filter_samples(params, samples, layout=layout)
 
 
@@ -29,7 +29,7 @@ print("log-likelihoods:", infos.log_likelihood)
 
 
 def uncertainty(log_density):
-    """Mean standard deviation of the bias, N and Nm added up, for a sigma_Q this many e-folds larger."""
+    """Mean standard deviation of the bias, over N and Nm alike, if sigma_Q is multiplied by exp(log_density)."""
     bias = params.bias._replace(density=params.bias.density * jnp.exp(log_density))
     return filtered(params._replace(bias=bias), samples[0])[1].bias_std.mean()
 

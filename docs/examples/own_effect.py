@@ -1,8 +1,8 @@
 # %% [markdown]
 # # An effect of your own
 #
-# A hose drags at the tool: a force against the velocity of the tool, as a dashpot to the room would make it. The
-# catalogue has no such effect. Twenty lines add it; then it is simulated, found, and taken out of the bias.
+# A hose drags at the tool with a force against the tool's velocity, like a dashpot between tool and room. The catalogue
+# has no such effect. Twenty lines add it; then it is simulated, found by the diagnosis, and removed from the bias.
 
 # %%
 import matplotlib
@@ -28,7 +28,7 @@ hose_drag = ft.Effect(
 )
 
 # %% [markdown]
-# ## A log that has it
+# ## Simulate a log with the effect
 
 # %%
 setup = ft.parse_setup(
@@ -42,7 +42,7 @@ setup = ft.parse_setup(
 simulated = ft.simulate(setup, {"hose_drag": {"coefficient": 4.0}}, own=[hose_drag], duration=20, rate=100, seed=2)
 
 # %% [markdown]
-# ## It is found
+# ## Find the effect
 
 # %%
 diagnosis = ft.diagnose(setup, [simulated.log], effects=[hose_drag])
@@ -52,10 +52,10 @@ assert cause.effect == "hose_drag"
 assert abs(cause.parameters["coefficient"] - 4.0) < 3 * cause.stderr["coefficient"]
 
 # %% [markdown]
-# ## And the bias is right
+# ## Correct the bias
 #
-# `fixed` has `[effects.hose_drag]`, and knows the effect because the diagnosis did. Read from a file, it is told of it
-# again: `ft.load_setup("fixed.toml", effects=[hose_drag])`.
+# `fixed` has the section `[effects.hose_drag]` and the definition of the effect. A setup file has only the section, so
+# pass the definition when you load it: `ft.load_setup("fixed.toml", effects=[hose_drag])`.
 
 # %%
 fixed = diagnosis.apply(setup)

@@ -1,7 +1,7 @@
-"""A Gymnasium environment whose wrist sensor errs as the recorded one, and a contact detector that shows it.
+"""Give the wrist sensor of a Gymnasium environment the errors of a recorded one, and check it by a contact detector.
 
-The "robot" is the same environment with what its owner does not know: a heavier tool, and noise that grows with motion.
-The detector compares the force with the weight that the owner believes in. Nothing is touched: all alarms are false.
+The "robot" is the same environment with two effects that the setup lacks: a heavier tool, and noise that grows with
+motion. The detector compares the force with the tool's nominal weight. Nothing is touched, so all alarms are false.
 """
 
 import tempfile
@@ -27,14 +27,14 @@ THRESHOLD = 1.3  # N
 
 # --8<-- [start:environment]
 class Wrist(gymnasium.Env):
-    """An arm whose joints follow their targets, and what the sensor at its wrist reads."""
+    """Arm whose joints follow target positions; it observes the joints and the reading of the wrist sensor."""
 
     def __init__(self, scene: str, sensor: ft.SensorModel):
         self.model = mujoco.MjModel.from_xml_path(str(scene))
         self.data, self.sensor = mujoco.MjData(self.model), sensor
         self.steps, self.dt = round(1 / RATE / self.model.opt.timestep), 1 / RATE
         n = self.model.nu
-        self.action_space = gymnasium.spaces.Box(-np.pi, np.pi, (n,), np.float64)  # rad, the joints' targets
+        self.action_space = gymnasium.spaces.Box(-np.pi, np.pi, (n,), np.float64)  # rad, joint targets
         joints = gymnasium.spaces.Box(-np.inf, np.inf, (n,), np.float64)
         wrench = gymnasium.spaces.Box(-np.inf, np.inf, (6,), np.float64)
         self.observation_space = gymnasium.spaces.Dict({"q": joints, "dq": joints, "wrench": wrench})
@@ -43,7 +43,7 @@ class Wrist(gymnasium.Env):
         super().reset(seed=seed)
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = self.data.ctrl[:] = HOME
-        mujoco.mj_step(self.model, self.data, 1000)  # it sags
+        mujoco.mj_step(self.model, self.data, 1000)  # the arm sags under gravity
         self.state = self.sensor.start(
             self.felt(), self.sensor.draw(self.np_random), memory=self.sensor.memory(self.dt)
         )
@@ -51,15 +51,15 @@ class Wrist(gymnasium.Env):
 
     def step(self, action):
         for target in np.linspace(self.data.ctrl, action, self.steps + 1)[1:]:  # a jump would shake the tool
-            q, dq = self.data.qpos.copy(), self.data.qvel.copy()  # MuJoCo's sensors are of the state before the step
+            q, dq = self.data.qpos.copy(), self.data.qvel.copy()  # MuJoCo's sensors refer to the state before the step
             self.data.ctrl[:] = target
             mujoco.mj_step(self.model, self.data)
         draws = self.sensor.draw(self.np_random)
         self.state, wrench = self.sensor.step(self.state, self.felt(), self.dt, draws, dq=dq)
-        return {"q": q, "dq": dq, "wrench": wrench}, 0.0, False, False, {}  # your reward and your end
+        return {"q": q, "dq": dq, "wrench": wrench}, 0.0, False, False, {}  # put your reward and termination here
 
     def felt(self):
-        """(6,) N, Nm: what an ideal sensor reads."""
+        """(6,) N, Nm: reading of an ideal sensor."""
         return np.concatenate([self.data.sensor("force").data, self.data.sensor("torque").data])
 
 
@@ -67,7 +67,7 @@ class Wrist(gymnasium.Env):
 
 
 def recording(env, setup, motion, seed, duration=20.0):
-    """A log of an episode in which the joints swing."""
+    """Record a log of an episode in which the joints oscillate."""
     random, seen = np.random.default_rng(motion), [env.reset(seed=seed)[0]]
     size, speed, phase = random.uniform([[[0.1]], [[0.3]], [[0]]], [[[0.35]], [[1.5]], [[6.3]]], (3, 2, 7))
     t = np.arange(0, duration, env.dt)
@@ -78,7 +78,7 @@ def recording(env, setup, motion, seed, duration=20.0):
 
 
 def alarms(model, setup, log):
-    """Per minute, seconds in which the force, tared at the start, is off the believed weight by the threshold."""
+    """Seconds per minute in which the force, tared at the start, deviates from the nominal weight by over THRESHOLD."""
     data, weight = mujoco.MjData(model), []
     for q in log.q:
         data.qpos[:] = q
@@ -90,7 +90,7 @@ def alarms(model, setup, log):
 
 
 def mean(values):
-    """Mean and its standard error."""
+    """Return the mean and its standard error."""
     return np.mean(values), np.std(values, ddof=1) / np.sqrt(len(values))
 
 
@@ -100,12 +100,12 @@ if __name__ == "__main__":
     user = load_mjcf(scene)
 
     def environment(name, fixed):
-        """Of the scene with what a setup says of robot, tool and sensor."""
+        """Environment of the scene with the robot, tool and sensor of a setup."""
         path = str(folder / name)
         Path(path).write_text(mend_mjcf(fixed, user, path).files[path])
         return Wrist(path, ft.sensor_model(fixed))
 
-    # The robot, as nobody knows it, and one recording of it.
+    # The robot with the effects that the setup lacks, and one recording of it.
     withheld = {"tool_mass": {"mass": 0.78}, "vibration": {"variance": [0.1] * 3 + [1e-4] * 3}}
     robot = environment("real.xml", replace(setup, effects=withheld))
     log = recording(robot, setup, motion=0, seed=0, duration=60.0)
@@ -113,7 +113,7 @@ if __name__ == "__main__":
     diagnosis = ft.diagnose(setup, [against(setup, log, log.t, replay(user, log.t, states), states)])
     print(diagnosis)
 
-    # Other motions, on the robot and in both simulators.
+    # False alarms in other motions, on the robot and in both simulators.
     worlds = {
         "recorded": robot,
         "simulator as it was": environment("scene.xml", setup),

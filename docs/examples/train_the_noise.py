@@ -1,7 +1,7 @@
-"""Train the noise of joints, bias and motion on several logs at once, and save the setup that it makes.
+"""Train the noise of joints, bias and motion on several logs together, and save the resulting setup.
 
-The likelihood is differentiated in the logarithms of the noise, so any optimiser of optax works and nothing turns
-negative. The logs have different lengths and share one compiled program.
+The likelihood is differentiated with respect to the logarithms of the noise, so any optimiser of optax works and no
+noise becomes negative. The logs have different lengths and share one compiled program.
 """
 
 from pathlib import Path
@@ -14,11 +14,11 @@ import ftbias_jax as ft
 from ftbias_jax.filtering.samples import pad
 
 jax.config.update("jax_enable_x64", True)
-# sigma_Q, eta of positions and velocities, Sigma_D, and the joints' process noise, which eta depends on
+# sigma_Q, eta of positions and of velocities, Sigma_D, and the joints' process noise, on which eta depends
 TRAINED = ("density", "position_std", "velocity_std", "entries", "process_density")
 
-# What the owner believes: the bias drifts five times too fast, encoders are four times too noisy, and the motion of the
-# sensor is known badly. The logs come from the true setup.
+# In the nominal setup the bias drifts five times too fast, the encoders are four times too noisy, and the motion of the
+# sensor is known inaccurately. The logs come from the true setup.
 truth = ft.load_setup(Path(__file__).with_name("setup.toml"))
 text = Path(__file__).with_name("setup.toml").read_text().replace("[2e-3, 1e-4]", "[1e-2, 5e-4]")
 Path("nominal.toml").write_text(
@@ -46,7 +46,7 @@ free = {name: ft.unconstrain(params)[name] for name in TRAINED}
 
 @jax.jit
 def loss(free):
-    """Nats that each sample lacks, over all logs; padding counts nothing."""
+    """Negative log-likelihood in nats per sample, over all logs; padding does not contribute."""
     values = jax.vmap(ft.log_likelihood, (None, 0))(ft.constrain(params, free), together)
     return -values.sum() / sum(len(log.t) for log in logs)
 
@@ -63,7 +63,7 @@ for i in range(150):
 
 ft.setup_with(setup, ft.constrain(params, free)).save("trained.toml")
 
-# What was saved is what was trained: the file alone gives the likelihood that the loop ended with.
+# The saved file alone reproduces the likelihood with which the loop ended.
 trained = ft.load_setup("trained.toml")
 after = loss(ft.unconstrain(ft.params_for_log(trained, logs[0])))
 print(f"nats lacking per sample: {before:.3f} as stated, {loss(free):.3f} trained, {after:.3f} as saved")

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Wrenches stamped by a clock that runs fast or slow: is its rate found, and never without one? python run.py.
+"""Wrenches stamped by a clock that runs fast or slow: is its rate found, without false alarms? python run.py.
 
-The wrench is sampled at true times, and its stamps are those of a clock with a rate and an offset of its own. What the
-diagnosis says is then stated in [log.clocks] and [log.time_offsets], and the stamps that the reader makes of it are
-compared with the true times. Half of the logs with one clock have a constant delay.
+The wrench is sampled at true times, but stamped by a clock with a rate and an offset of its own. The diagnosed values
+are then stated in [log.clocks] and [log.time_offsets], and the stamps that the reader corrects with them are compared
+with the true times. Half of the logs without a clock rate have a constant delay.
 """
 
 import argparse
@@ -21,11 +21,11 @@ from random_setup import random_setup
 
 ROBOTS, MOTIONS = ("panda", "ur10e", "iiwa14"), ("sines", "moves")
 RATE, DURATION = 250.0, 60.0
-"""Hz of the joints, twice that of the wrench; s."""
+"""Hz of the joints, twice the rate of the wrench; s."""
 
 
 def recorded(setup, made, rate, offset):
-    """The log with every other wrench, stamped by a clock that is offset s late and runs so many ppm fast."""
+    """The log with every other wrench, stamped by a clock that is ``offset`` s late and runs ``rate`` ppm fast."""
     log = made.log
     taken = log.t[::2]
     stamps = taken + offset + 1e-6 * rate * taken
@@ -33,7 +33,7 @@ def recorded(setup, made, rate, offset):
 
 
 def one(seed, drifts, delayed):
-    """A log, and what the diagnosis says of it."""
+    """Simulate a log with or without a clock rate, and return its diagnosis as a row."""
     rng = np.random.default_rng(seed)
     robot, motion = ROBOTS[seed % 3], MOTIONS[seed % 2]
     setup = random_setup(rng, robot)
@@ -72,7 +72,7 @@ def one(seed, drifts, delayed):
 
 
 def table(rows):
-    """What is told of both kinds of logs."""
+    """Summary of the logs with and without a clock rate."""
     with_rate = [row for row in rows if row["rate"]]
     named = [row for row in with_rate if row["causes"][:1] == ["clock_drift"]]
     without = [row for row in rows if not row["rate"]]

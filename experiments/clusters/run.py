@@ -1,10 +1,10 @@
-"""Runs the Slurm recipe of the docs on a Slurm of this machine alone, and validates the Kubernetes manifest.
+"""Run the Slurm recipe of the docs on a one-machine Slurm cluster, and validate the Kubernetes manifest.
 
     apt-get install slurm-wlm munge; pip install kubernetes-validate
     python run.py                      # into result.json
 
-The array of two jobs filters twelve logs, one of them damaged. As soon as a result is there, a job is put back to the
-queue, as preemption does. Needs root, for Slurm's daemons; each runs in a folder of its own and is stopped at the end.
+The array of two jobs filters twelve logs, one of them damaged. As soon as a result is there, both jobs are requeued, as
+preemption does. Slurm's daemons need root; each runs in a folder of its own and is stopped at the end.
 """
 
 import argparse
@@ -53,7 +53,7 @@ PartitionName=all Nodes={host} Default=YES MaxTime=INFINITE State=UP
 
 
 def call(*command, **options):
-    """What a command prints."""
+    """Run a command and return its output; a failure raises RuntimeError."""
     done = subprocess.run(command, capture_output=True, text=True, **options)
     if done.returncode:
         raise RuntimeError(f"{' '.join(command)}: {done.stderr or done.stdout}")
@@ -62,7 +62,7 @@ def call(*command, **options):
 
 @contextmanager
 def slurm(folder):
-    """A Slurm of one node with two cores, of this machine alone."""
+    """Run a Slurm cluster of one node with two cores on this machine."""
     host = os.uname().nodename
     for name in ("state", "spool"):
         (folder / name).mkdir()
@@ -95,10 +95,10 @@ def slurm(folder):
 
 
 def wait_for(condition, patience=PATIENCE):
-    """Until it holds.
+    """Wait until a condition holds.
 
     Raises:
-        TimeoutError: it never did.
+        TimeoutError: the condition did not hold within ``patience`` s.
     """
     end = time.monotonic() + patience
     while not condition():
@@ -108,7 +108,7 @@ def wait_for(condition, patience=PATIENCE):
 
 
 def make_logs(folder):
-    """Logs of the demonstration's arm, one of them cut in the middle."""
+    """Write logs of the demonstration's arm, one of them truncated."""
     ftbias("demo", "-o", "demo", "--duration", str(SAMPLES / 500), "--rate", "500", cwd=folder)
     (folder / "runs").mkdir()
     whole = next((folder / "demo").glob("*.npz"))
@@ -123,13 +123,13 @@ def make_logs(folder):
 
 
 def ftbias(*arguments, cwd):
-    """Runs a command of this package."""
+    """Run an ``ftbias`` command in folder ``cwd``."""
     program = "import sys; from ftbias_jax.cli.main import main; sys.exit(main())"
     return subprocess.run([sys.executable, "-c", program, *arguments], cwd=cwd, capture_output=True, text=True)
 
 
 def states():
-    """Job of the array -> (state, how often it was started again, exit code)."""
+    """Index of an array job -> (state, number of restarts, exit code)."""
     found = {}
     for job in json_of_jobs():
         if "ArrayTaskId" in job and job["ArrayTaskId"].isdigit():
@@ -138,13 +138,13 @@ def states():
 
 
 def json_of_jobs():
-    """Fields of every job that Slurm knows."""
+    """Return the fields of every job that Slurm knows."""
     lines = call("scontrol", "--oneliner", "show", "jobs").splitlines()
     return [dict(field.split("=", 1) for field in line.split() if "=" in field) for line in lines]
 
 
 def run_slurm(folder):
-    """The recipe on twelve logs, with one job put back to the queue in the middle."""
+    """Run the recipe on twelve logs, with both jobs requeued in the middle."""
     make_logs(folder)
     command = shutil.which("ftbias") or sys.exit("ftbias is not on the PATH: pip install -e .")
     results = folder / "results"
@@ -174,7 +174,7 @@ def run_slurm(folder):
 
 
 def validate_kubernetes():
-    """What the official schemas say of every resource of the manifest; None if no validator is installed."""
+    """Validate every resource of the manifest against the official schemas; None if no validator is installed."""
     validator = shutil.which("kubernetes-validate")
     if validator is None:
         return None

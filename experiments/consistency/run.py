@@ -1,4 +1,4 @@
-"""Are the error bars of the bias right? 200 simulated logs by the true model, by wrong ones, and by what is used."""
+"""Consistency of the bias's error bars on 200 simulated logs: true model, wrong models, and what the package uses."""
 
 import sys
 from functools import partial
@@ -23,9 +23,9 @@ from ftbias_jax.model.simulate import Trajectory
 LOGS, DURATION, RATE, SEED = 200, 60.0, 50.0, 0
 AT_ONCE = 50
 JERK = 0.1
-"""rad/s^2.5, of the joints that move as the joint filter believes."""
+"""rad/s^2.5, process noise density of joints that move as the joint filter's model assumes."""
 START = np.array([1.0, 0.1, 0.5])
-"""rad, rad/s, rad/s^2: P_0 of those joints, velocities and accelerations drawn from it."""
+"""rad, rad/s, rad/s^2: prior standard deviations of those joints, from which velocity and acceleration are drawn."""
 MODELS = {
     "true": (1.0, 1.0),
     "sigma_Q x 2": (2.0, 1.0),
@@ -33,14 +33,14 @@ MODELS = {
     "Sigma_W x 1.5": (1.0, 1.5),
     "Sigma_W / 1.5": (1.0, 1 / 1.5),
 }
-"""Factors of sigma_Q and of Sigma_W that the filter believes in."""
+"""Factors on sigma_Q and on Sigma_W in the filter's model."""
 
 COLORS = ["#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7"] * 2
 STYLES = ["-"] * 5 + ["--"] * 5
 
 
 def squares(track, bias, drift):
-    """NEES of the twelve states and NIS of the six axes at every sample (T,)."""
+    """NEES of the twelve states and NIS of the six axes at every sample, (T,) each."""
     error = track.mean - jnp.stack([bias, drift], 1)
     (bb, bd), (_, dd) = jnp.moveaxis(track.covariance, 0, 2)
     eb, ed = error[:, 0], error[:, 1]
@@ -50,7 +50,7 @@ def squares(track, bias, drift):
 
 @jax.jit
 def known_joints(factors, samples, truth):
-    """The bias filter alone: the wrench of the tool is known exactly."""
+    """Run the bias filter alone, with the wrench of the tool known exactly."""
     bias = PARAMS.bias._replace(
         density=factors[0] * PARAMS.bias.density, wrench_variance=factors[1] * PARAMS.bias.wrench_variance
     )
@@ -66,7 +66,7 @@ def known_joints(factors, samples, truth):
 
 @partial(jax.jit, static_argnames="smoothed")
 def whole_pipeline(params, samples, truth, smoothed=False):
-    """Joints filtered or smoothed, then the bias filtered."""
+    """Filter or smooth the joints, then filter the bias."""
 
     def one(log, truth):
         start = pipeline.init(params, log)
@@ -83,7 +83,7 @@ def whole_pipeline(params, samples, truth, smoothed=False):
 
 
 def white_jerk(t):
-    """Trajectories (logs, T, n) of the joint filter's own model, with a weak pull that keeps them bounded."""
+    """Random trajectories (logs, T, n) of the joint filter's own model, with a weak pull that keeps them bounded."""
     rng, dt = np.random.default_rng(SEED), 1 / RATE
     A, Q = (np.array(rows, float) for rows in integrated_jerk_noise(jnp.array(dt), jnp.array(JERK)))
     root = np.linalg.cholesky(Q).T
@@ -98,7 +98,7 @@ def white_jerk(t):
 
 
 def judge(nees, nis):
-    """NEES at the end, where the logs are independent draws; NIS of all samples; both against 95 % bounds."""
+    """Compare final NEES, for which the logs are independent draws, and NIS of all samples with their 95 % bounds."""
     scored = {}
     for name, values, dof in (("nees", nees[:, -1], 12), ("nis", nis.ravel(), 6)):
         average = mean_chi_square(values, dof)
@@ -115,7 +115,7 @@ def main():
     result = {"logs": LOGS, "seconds": DURATION, "rate_Hz": RATE, "models": {}}
     over_time = {}
     runs = {name: partial(known_joints, jnp.array(factors), samples, truth) for name, factors in MODELS.items()}
-    likeliest = params_for_log.likeliest_params(SETUP, jax.tree.map(lambda x: x[0], samples))
+    likeliest = params_for_log.max_likelihood_params(SETUP, jax.tree.map(lambda x: x[0], samples))
     guarded = params_for_log.guard_against_lag(likeliest)
     by_model = PARAMS._replace(joint=PARAMS.joint._replace(process_density=jnp.full(7, JERK), prior_std=START))
     jerky = simulate_logs(SEED, LOGS, PARAMS, white_jerk(t))[::-1]

@@ -1,4 +1,4 @@
-"""Sigma_D from short logs of three tools, tuned with sigma_Q, Sigma_W and the joints' noise: is the truth found?"""
+"""Accuracy of Sigma_D tuned on short logs of three tools, together with sigma_Q, Sigma_W and the joints' noise."""
 
 import sys
 import time
@@ -22,7 +22,7 @@ from ftbias_jax.types import Sample
 
 SAMPLES, RATE, SEEDS = 4_000, 200.0, 20
 START = 3.0
-"""All noise is wrong by this factor at the start; Sigma_D starts unstated."""
+"""Factor by which all noise is wrong at the start; Sigma_D starts unstated."""
 DATA_NOISE = {
     "linear_acceleration": jnp.full(3, 0.3),
     "angular_acceleration": jnp.full(3, 4.0),
@@ -41,7 +41,7 @@ GRAVITY = float(jnp.linalg.norm(STILL.gravity))
 
 
 def white_jerk(rng):
-    """(T, n, 3) joint states of the filter's own model, with a weak pull that keeps them bounded."""
+    """Random joint states (T, n, 3) of the filter's own model, with a weak pull that keeps them bounded."""
     dt, density = 1 / RATE, float(STILL.joint.process_density[0])
     A, Q = (np.array(rows, float) for rows in process_models.integrated_jerk_noise(jnp.array(dt), jnp.array(density)))
     shocks = rng.normal(size=(SAMPLES, 7, 3)) @ np.linalg.cholesky(Q).T
@@ -67,14 +67,14 @@ def wrong(params):
 
 
 def tune_all(logs, kind):
-    """Joints first, then all noise of the wrench together."""
+    """Tune the noise of the joints, then all noise of the wrench together."""
     tuned, joints = tune.tune_joints(wrong(PLAIN[0]), logs, dict.fromkeys(JOINT_NAMES, "each"))
     tools = [Tool(wrong(params)._replace(joint=tuned.joint), [log]) for params, log in zip(PLAIN, logs, strict=True)]
     return joints, *tune_data(tools, KINDS[kind] | dict.fromkeys(WRENCH_NAMES, "each"))
 
 
 def misses(fit, truth):
-    """Errors of the logarithms in standard errors, of what the fit calls determined."""
+    """Errors of the logarithms of the values that the fit determines, in standard errors."""
     found = {}
     for name, true in truth.items():
         error = np.log(fit.values[name] / np.asarray(true)) / fit.relative_stderr[name]
@@ -83,7 +83,7 @@ def misses(fit, truth):
 
 
 def force_miss(fit):
-    """The same of a - g, whose noise is acceleration and direction of gravity together; and the value."""
+    """Ratio to the truth and error in standard errors of the noise of a - g, of acceleration and gravity together."""
     words = next(words for words in fit.determined if words.startswith("a - g"))
     value, error = (float(x) for x in words.split("s = ")[1].removesuffix(" m/s^2").split(" ± "))
     true = np.hypot(0.3, 0.01 * GRAVITY)
@@ -91,7 +91,7 @@ def force_miss(fit):
 
 
 def variances(tools):
-    """(S, 6) diagonal of R."""
+    """Diagonal of the measurement covariance R of every tool, (S, 6)."""
     return np.stack(
         [np.diagonal(measurement_covariance(p.theta, p.bias.data_variance, p.bias.wrench_variance)) for p in tools]
     )

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""From a draft to error bars that hold: python run.py [--count 24] [--seed 1] [--jobs 1] [--rows ROWS.jsonl].
+"""From a draft to valid error bars: python run.py [--count 24] [--seed 1] [--jobs 1] [--rows ROWS.jsonl].
 
-A draft knows neither the sensor's noise, nor where on the flange it sits, nor the tool's inertia, and mass and centre
-of mass but roughly. ``calibrate`` makes a setup of it by one log, which has one cause or none; a second log is filtered
-with that, and its bias compared with the truth. Logs are by ``simulate``: the question is whether the road from a log
-to error bars loses anything, not whether real causes have the catalogue's forms.
+A draft contains neither the sensor's noise, nor its position on the flange, nor the tool's inertia, and only rough
+values of mass and centre of mass. ``calibrate`` turns it into a setup with one log, which has one cause or none. A
+second log is filtered with this setup, and its bias compared with the truth. Logs are made by ``simulate``, because the
+steps from a log to error bars are tested, not whether real causes have the catalogue's forms.
 """
 
 import sys
@@ -24,13 +24,13 @@ ROBOTS = (
 )
 BIAS = {"noise_density": 2e-4}
 TORQUE = 0.04
-"""Nm of noise for each N."""
+"""Ratio of torque noise to force noise, Nm per N."""
 LEFT_OPEN = {"mount_translation", "tool_inertia", "tool_mass", "tool_com", "noise_level"}
-"""What a draft does not know: no causes that are asked for."""
+"""Effects that a draft leaves open; they do not count as causes found."""
 
 
 def some_effects(rng, mass):
-    """One effect with its parameters, or none."""
+    """Draw one effect with its parameters, or none."""
     scale = np.r_[1, 1, 1, [TORQUE] * 3]
     leaks = rng.normal(size=(6, 6)) * 0.01 * (1 - np.eye(6)) * scale[:, None] / scale
     effects = {
@@ -49,7 +49,7 @@ def some_effects(rng, mass):
 
 
 def setups(rng):
-    """What is true, effects, and what is drafted."""
+    """Draw the true setup, its effects, and the draft."""
     robot, force = {"model": str(rng.choice(ROBOTS))}, float(rng.choice([0.02, 0.1, 0.3]))
     mass, center = float(rng.uniform(0.3, 3)), (rng.normal(size=3) * [0.02, 0.02, 0.03] + [0, 0, 0.06]).tolist()
     inertia = (0.003 * mass * np.array([1, 0, 0, 1, 0, 0.7])).tolist()
@@ -71,7 +71,7 @@ def setups(rng):
 
 
 def one(index, seed):
-    """One robot: its draft calibrated by a log, and the bias of another log with its error bars."""
+    """Calibrate the draft of one robot with a log, and score the bias of another log with its error bars."""
     rng = np.random.default_rng([seed, index])
     true, effects, draft = setups(rng)
     setup = ft.parse_setup(true)
@@ -81,7 +81,7 @@ def one(index, seed):
     found = ft.calibrate(ft.parse_setup(draft), [log.log])
     seconds = time.monotonic() - begin
     result = ft.filter_log(found.setup, other.log)
-    settled = slice(len(result.t) // 4, None)  # before, the prior is what is known
+    settled = slice(len(result.t) // 4, None)  # earlier, the prior dominates
     miss = (np.abs(result.bias - other.truth.bias[: len(result.bias)]) / result.bias_std)[settled]
     tool = found.setup.tool
     off = (tool.mass - true["tool"]["mass"]) / (tool.mass_std or np.nan)
@@ -103,7 +103,6 @@ def one(index, seed):
 
 
 def table(rows):
-    """What is told of all logs."""
     shares = np.array([row["within_two"] for row in rows])
     asked = [row for row in rows if row["cause"] != "none"]
     return {
@@ -121,9 +120,8 @@ def table(rows):
 
 
 def main():
-    """Rows of all robots, and their table."""
     seed, rows = by_rows(one, __doc__, 24)
-    from common import keep  # sets flags of JAX, which the diagnosis is to choose itself
+    from common import keep  # imported late, because it sets flags of JAX that the diagnosis should choose itself
 
     keep(__file__, {"seed": seed, "table": table(rows), "rows": rows})
 

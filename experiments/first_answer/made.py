@@ -1,4 +1,4 @@
-"""Logs of a UR5e as people have them: other headers, units, axes, sensors that subtract the payload or were zeroed."""
+"""Logs of a UR5e as users have them: various headers, units and axes, sensors that subtract the payload or tare."""
 
 import json
 
@@ -17,7 +17,7 @@ JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist
 
 
 def truth():
-    """The setup, t (T,) s, q and dq (T, 6), the wrench (T, 6) in sensor axes, and the tool's part of it."""
+    """Return setup, t (T,) s, q and dq (T, 6), the wrench (T, 6) in sensor axes, and the wrench of the tool (T, 6)."""
     setup = ft.parse_setup(TRUTH)
     made = ft.simulate(setup, duration=SECONDS, rate=RATE, motion="moves", seed=77)
     t, q, dq, wrench = (np.asarray(x) for x in made.log[:4])
@@ -25,7 +25,7 @@ def truth():
 
 
 def table(path, columns):
-    """A CSV of named columns (T,) or (T, k)."""
+    """Write a CSV of named columns (T,) or (T, k); return its path."""
     names, blocks = [], []
     for name, values in columns.items():
         several = isinstance(name, tuple)
@@ -40,13 +40,13 @@ def _numbered(pattern, first=0):
 
 
 def in_base_axes(setup, q, wrench):
-    """The wrench (T, 6) in the axes of the base."""
+    """Rotate a wrench (T, 6) into the axes of the base."""
     turned = arm_rotations(setup.robot, setup.sensor, q)
     return np.hstack([np.einsum("tij,tj->ti", turned, wrench[:, part]) for part in (slice(3), slice(3, 6))])
 
 
 def logs(folder):
-    """Name -> files, options of ``ftbias setup``, and the wrench (T, 6) that the drafted setup should read."""
+    """Yield name, files, options of ``ftbias setup``, and the wrench (T, 6) that the drafted setup should read."""
     setup, t, q, dq, wrench, tool = truth()
     robot = ["--robot", "ur5e"]
     plain, axes = _numbered("q{}"), ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
@@ -122,7 +122,7 @@ def logs(folder):
 
 
 def lerobot(folder, t, q, wrench):
-    """An episode in the layout of that library: lists of numbers in a row, named in meta/info.json."""
+    """Write an episode in the layout of LeRobot, with lists of numbers in each row that meta/info.json names."""
     import pyarrow as arrow
     import pyarrow.parquet as parquet
 

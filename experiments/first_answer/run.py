@@ -1,7 +1,7 @@
 """From a recording to a diagnosis in four commands without an editor: setup, identify or check, filter, diagnose.
 
-Twelve logs are made here (``made.py``), and four are recorded ones, which are left out if the environment variable
-FTBIAS_SHARED does not name a folder with data/real.
+Twelve logs are simulated (``made.py``) and four are recorded; the recorded ones are left out if the environment
+variable FTBIAS_SHARED does not name a folder with data/real.
 """
 
 import json
@@ -30,11 +30,11 @@ CASES = {
     "Panda and OptoForce: arrays in conventions of their own": (["panda_optoforce/log_1_as_stored.npz"], []),
     "ATI Axia80: a table of poses at 10 Hz": (["axia80/motion.csv"], []),
 }
-"""Recorded logs: files and options of ``ftbias setup``."""
+"""Recorded logs: name -> (files, options of ``ftbias setup``)."""
 
 
 def run(words, real, folder):
-    """Exit code, processor time and printed lines of one command; paths become names."""
+    """Run one command; return its exit code, processor time and output, with folders removed from the paths."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run([*COMMAND, *map(str, words)], cwd=folder, capture_output=True, text=True, check=False)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -46,8 +46,8 @@ def run(words, real, folder):
     return {"command": f"ftbias {shown}", "exit_code": done.returncode, "cpu_seconds": seconds, "printed": printed}
 
 
-def road(files, options, real, folder):
-    """The four commands, and what came of them; the tool is identified where the draft has weighed it."""
+def run_commands(files, options, real, folder):
+    """Run the four commands on a log; the tool is identified only if the draft contains an estimate of it."""
     runs = [run(["setup", *files, *options, "-o", "setup.toml"], real, folder)]
     found = Path(folder, "setup.toml").exists() and not ft.load_setup(Path(folder, "setup.toml")).tool.unknown
     setup = "identified.toml" if found else "setup.toml"
@@ -64,7 +64,7 @@ def road(files, options, real, folder):
 
 
 def numbers(path):
-    """What the setup states, and how much of the reading's scatter is left when it is corrected."""
+    """Return the main values of the setup, and the scatter of the reading before and after compensation."""
     setup = ft.load_setup(path)
     with np.load(path.parent / "out.npz") as result:
         raw = result["wrench_unbiased"] - result["bias"]
@@ -81,7 +81,7 @@ def numbers(path):
 
 
 def is_read(file, folder, expected):
-    """Whether the drafted setup reads the wrench in N and Nm, sensor axes and sign, and the joints in rad."""
+    """Whether the log read with the drafted setup has the right wrench (N, Nm, sensor axes, sign) and joints (rad)."""
     if not (folder / "setup.toml").exists():
         return False
     log = ft.read_log(file, ft.load_setup(folder / "setup.toml"), raw=True)
@@ -91,7 +91,6 @@ def is_read(file, folder, expected):
 
 
 def main():
-    """Every case in a folder of its own."""
     results = {}
     shared = os.environ.get("FTBIAS_SHARED")
     real = Path(shared, "data", "real").resolve() if shared else None
@@ -100,11 +99,11 @@ def main():
     else:
         for name, (files, options) in CASES.items():
             with tempfile.TemporaryDirectory() as folder:
-                results[name] = road([real / file for file in files], options, real, folder)
+                results[name] = run_commands([real / file for file in files], options, real, folder)
     with tempfile.TemporaryDirectory() as made:
         for name, files, options, expected in logs(Path(made)):
             with tempfile.TemporaryDirectory() as folder:
-                found = road(files, options, made, folder)
+                found = run_commands(files, options, made, folder)
                 results[name] = {**found, "read_as_it_is": is_read(files[0], Path(folder), expected)}
     right = [not any(x["exit_code"] for x in found["commands"]) for found in results.values()]
     as_it_is = [found["read_as_it_is"] for found in results.values() if "read_as_it_is" in found]

@@ -1,4 +1,4 @@
-"""One archive on every engine: processes, Dask, Ray and a bucket; a worker or the command is killed in the middle.
+"""One archive on every engine: processes, Dask, Ray and an S3 bucket, also with a worker or the command killed midway.
 
 python experiments/fleet/engines.py [--count 1000] [--engines bucket,dask,ray] [--folder DIR] [--json FILE]
 """
@@ -28,18 +28,18 @@ from ftbias_jax.io.write.npz import load_npz
 from ftbias_jax.setup import dump_setup, parse_setup
 
 SAMPLES, RATE = 5000, 500.0
-MOTIONS = 20  # every log has one of them, with a bias and noise of its own
-SAMPLED = 50  # logs that one process filters one after the other, to compare
+MOTIONS = 20  # number of motions that the logs share; bias and noise differ
+SAMPLED = 50  # number of logs that one process filters in sequence for comparison
 BUCKET = "s3://fleet/"
 STORE = {"ACCESS_KEY_ID": "me", "SECRET_ACCESS_KEY": "mine", "DEFAULT_REGION": "us-east-1"}
 MANIFEST = "manifest.filter.jsonl"
-UNPROFILED = {"DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}  # it takes 7 % of a worker's time
+UNPROFILED = {"DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}  # the profiler takes 7 % of a worker's time
 VERSIONS = {name: version(name) for name in ("ftbias-jax", "jax", "numpy", "distributed", "ray", "s3fs", "moto")}
-SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER: processes that lose their parent are ours, and so is what they took
+SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER: orphans become children of this process, and so their time is counted
 
 
 def write_logs(folder, count):
-    """Logs of 10 s at 500 Hz; those of one motion differ in bias and noise."""
+    """Write logs of 10 s at 500 Hz; those of one motion differ in bias and noise."""
     rng, setup = np.random.default_rng(0), parse_setup(SETUP)
     (folder / "setup.toml").write_text(dump_setup(setup))
     for inner in ("logs", "few"):
@@ -54,7 +54,7 @@ def write_logs(folder, count):
 
 
 def started(words, **more):
-    """A process without output, of which everything that it leaves behind is waited for by ``ended``."""
+    """Start a process without output; ``ended`` waits for it and its orphans."""
     environment = {**os.environ, "PYTHONPATH": str(PACKAGE), **more}
     return subprocess.Popen(
         [sys.executable, *words], env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
@@ -62,7 +62,7 @@ def started(words, **more):
 
 
 def ended(process):
-    """Its exit code, once it and its orphans are no more."""
+    """Wait until a process and its orphans have ended; return the exit code of the process."""
     code = process.wait()
     with suppress(ChildProcessError):
         while orphan := os.waitpid(-1, os.WNOHANG)[0]:
@@ -71,13 +71,13 @@ def ended(process):
 
 
 def command(folder, output, *more, logs=("logs",)):
-    """Filter the archive; the current folder is that of the logs."""
+    """Start the command that filters the archive; changes the current folder to that of the logs."""
     os.chdir(folder)
     return started(["-c", PROGRAM, "filter", *logs, "--setup", "setup.toml", "-o", output, *more])
 
 
 def done(place):
-    """How many logs the manifest has by now."""
+    """Number of logs in the manifest so far."""
     if not place.root.startswith(BUCKET):
         path = Path(place.root, MANIFEST)
         return path.read_bytes().count(b'{"log":{') if path.exists() else 0
@@ -85,7 +85,7 @@ def done(place):
 
 
 def kill_in_the_middle(process, place, count, victim):
-    """SIGKILL when half the logs are done; returns how many were."""
+    """Send SIGKILL to a victim when half the logs are done; return the number of logs done by then."""
     while (found := done(place)) < count / 2:
         assert process.poll() is None
         time.sleep(1.0)
@@ -94,7 +94,7 @@ def kill_in_the_middle(process, place, count, victim):
 
 
 def working_for_ray():
-    """A worker of Ray that has a task."""
+    """Wait until a worker of Ray has a task; return its process id."""
     while True:
         for path in Path("/proc").glob("[0-9]*/cmdline"):
             with suppress(OSError):
@@ -103,14 +103,14 @@ def working_for_ray():
 
 
 def computed(pid):
-    """Seconds that a process has computed so far."""
+    """Processor time of a process so far, s."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 @contextmanager
 def watched(process):
-    """A function of the seconds that a process and those of Ray have computed: Ray waits for its children itself."""
+    """Yield a function that returns the processor time of a process and of Ray, which reaps its children itself."""
     seconds, over = {}, threading.Event()
 
     def look():
@@ -130,7 +130,7 @@ def watched(process):
 
 @contextmanager
 def dask():
-    """A scheduler with two workers: its address, how one is killed, and how another one is started."""
+    """Run a scheduler with two workers; yield its address, and a function that adds a worker and returns a victim."""
     file = Path(tempfile.mkstemp()[1])
     file.unlink()
     plain = ["--scheduler-file", str(file), "--no-dashboard"]
@@ -141,7 +141,7 @@ def dask():
     workers = [started(worker, **UNPROFILED) for _ in range(2)]
 
     def victim():
-        workers.append(started(worker, **UNPROFILED))  # as whoever runs a cluster would
+        workers.append(started(worker, **UNPROFILED))  # as the operator of a cluster would
         return workers[0].pid
 
     yield json.loads(file.read_text())["address"], victim
@@ -153,8 +153,8 @@ def dask():
 
 @contextmanager
 def server():
-    """A server that speaks S3, with a bucket; its address, and a function of the seconds that it has computed."""
-    more = {"MOTO_S3_DEFAULT_KEY_BUFFER_SIZE": "4096"}  # objects lie on disk
+    """Run an S3 server with a bucket; yield a function that returns its processor time."""
+    more = {"MOTO_S3_DEFAULT_KEY_BUFFER_SIZE": "4096"}  # keeps objects on disk
     said = tempfile.NamedTemporaryFile("w+")  # noqa: SIM115
     words = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", "0"]
     process = subprocess.Popen(words, env={**os.environ, **more}, stdout=subprocess.DEVNULL, stderr=said)
@@ -172,7 +172,7 @@ def server():
 
 
 def run_engine(name, folder, count, served=lambda: 0.0, logs=("logs",)):
-    """The archive on one engine; what it took, and the manifest's entries by the names of their results."""
+    """Filter the archive on one engine; return its measurements, and the manifest's entries by name of their result."""
     place = Place(f"{BUCKET}{folder.name}/{name}" if name.startswith("bucket") else str(folder / name))
     served_before = served()
     start, before = time.perf_counter(), cpu_seconds()
@@ -204,7 +204,7 @@ def run_engine(name, folder, count, served=lambda: 0.0, logs=("logs",)):
             with place.reading(sample) as here:
                 told["results_whose_sum_is_that_of_the_manifest"] = sum(same_sum(here, entries[x]) for x in sample)
             told["cpu_seconds_of_the_server"] = round(served() - served_before, 1)
-    ended(process)  # what the engine has left behind
+    ended(process)  # waits for orphans of the engine
     told |= {
         "exit_code": code,
         "statuses": counted(entry.status for entry in entries.values()),
@@ -223,7 +223,7 @@ def same_sum(folder, entry):
 
 
 def compared(folder, name, entries, expected):
-    """How many results are the bytes of those expected, and by how much others differ."""
+    """Count results that are identical byte for byte to those expected, with the largest difference of the others."""
     both = {x for x in entries.keys() & expected.keys() if entries[x].sums}
     others = [x for x in both if entries[x].sums != expected[x].sums]
     told = {"compared": len(both), "same_bytes": len(both) - len(others)}
@@ -233,7 +233,7 @@ def compared(folder, name, entries, expected):
 
 
 def difference(one, other):
-    """Largest relative difference of any array of two results."""
+    """Largest relative difference between the arrays of two results."""
     one, other = load_npz(one), load_npz(other)
     assert one.keys() == other.keys()
     names = [name for name in one if one[name].dtype.kind == "f"]
@@ -257,14 +257,14 @@ def main():
 def measure(folder, count, engines, output):
     write_logs(folder, count)
     sample = [f"logs/{i:05d}.npz" for i in range(0, count, max(1, count // SAMPLED))]
-    ended(command(folder, "warm", logs=sample[:2]))  # from now on the programs are compiled
+    ended(command(folder, "warm", logs=sample[:2]))  # fills the compilation cache
     told, alone = run_engine("alone", folder, len(sample), logs=sample)
     result = {"logs": count, "samples": SAMPLES, "alone": {**told, "logs": len(sample)}}
     with ExitStack() as stack:
         served = stack.enter_context(server()) if "bucket" in "".join(engines) else lambda: 0.0
         for name in engines:
             result[name] = one_engine(name, folder, count, served, alone, result.get("jobs"))
-            if not name.endswith("killed"):  # a few logs tell what it takes to start
+            if not name.endswith("killed"):  # a run with few logs measures the cost of the start
                 few = run_engine(name, folder / "few", len(sample), served, [f"../{path}" for path in sample])[0]
                 further = (result[name]["cpu_seconds"] - few["cpu_seconds"]) / (count - len(sample))
                 result[name]["cpu_seconds_of_few"] = few["cpu_seconds"]
@@ -275,7 +275,7 @@ def measure(folder, count, engines, output):
 
 
 def one_engine(name, folder, count, served, alone, jobs):
-    """What one engine took, by that of the processes, and whether its results are those of one process."""
+    """Measure one engine, relative to ``--jobs``, and compare its results with those of one process."""
     told, entries = run_engine(name, folder, count, served)
     assert len(entries) == count
     told["cpu_seconds_a_log"] = round(told["cpu_seconds"] / count, 4)

@@ -1,4 +1,4 @@
-"""A fleet's archive from end to end: written, filtered, killed and resumed on the way, diagnosed, reported.
+"""A fleet's archive from end to end: written, filtered with kills and resumes, diagnosed, reported.
 
 python experiments/fleet/run.py [--count 10000] [--diagnosed 200] [--kills 10] [--jobs 2] [--folder DIR]
 """
@@ -29,15 +29,15 @@ from ftbias_jax.model.trajectories import working_range
 from ftbias_jax.setup import dump_setup, parse_setup
 
 SAMPLES, RATE = 1500, 100.0
-FIRST, DAYS = 1_767_600_000.0, 180.0  # s since 1970, 2026-01-05; over so many days
-AGED = np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0])  # N, Nm: what the second robot's bias gains until the end
-HEAVIER = 0.1  # kg, the tool of the second robot in the second half
+FIRST, DAYS = 1_767_600_000.0, 180.0  # s since 1970, 2026-01-05; number of days
+AGED = np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0])  # N, Nm: drift of the second robot's bias until the end
+HEAVIER = 0.1  # kg, added to the tool of the second robot in the second half
 PROGRAM = "import sys; from ftbias_jax.cli.main import main; sys.exit(main())"
 PACKAGE = Path(__file__).parents[2]
 
 
 def write_logs(folder, count):
-    """Logs of two robots, half each, in the order of time; the second robot's bias ages and its tool gets heavier."""
+    """Write logs of two robots in time order, half each; the second robot's bias drifts and its tool gets heavier."""
     setup = parse_setup(SETUP)
     for robot in (1, 2):
         one = replace(setup, robot=replace(setup.robot, name=f"cell {robot}"))
@@ -54,7 +54,7 @@ def write_logs(folder, count):
 
 
 def make_log(setup, bias, start, seed, samples=SAMPLES, rate=RATE):
-    """Joints that swing, and a wrench of the tool with bias and noise."""
+    """Simulate a log with sines of all joints, and the wrench of the tool with bias and noise; return its arrays."""
     rng = np.random.default_rng(seed)
     t = np.arange(samples) / rate
     omega, phase = 2 * np.pi * rng.uniform(0.05, 0.2, (2, 7)), rng.uniform(0, 2 * np.pi, (2, 7))
@@ -92,7 +92,7 @@ def finish(process):
 
 
 def cpu_seconds():
-    """Of all processes that ended by themselves, with theirs."""
+    """Processor time, s, of all ended child processes and their waited-for children."""
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
     return usage.ru_utime + usage.ru_stime
 
@@ -102,13 +102,13 @@ def done(place):
 
 
 def filter_with_kills(folder, robot, count, kills, jobs):
-    """Seconds of all runs and the entries that each run added; every run but the last is killed with its children."""
+    """Filter a robot's logs; every run but the last is killed. Return total seconds, and the entries at each kill."""
     words = filter_words(robot, jobs)
     place, seconds, found = folder / "results" / f"cell{robot}", 0.0, []
     for kill in range(1, kills + 1):
         started, process = time.perf_counter(), command(folder, *words)
         while process.poll() is None and done(place) < count * kill / (kills + 1):
-            time.sleep(max(0.5, count / 2500))  # to look costs time, too
+            time.sleep(max(0.5, count / 2500))  # polling costs time, too
         process.send_signal(signal.SIGTERM if kill % 2 else signal.SIGKILL)
         process.wait()
         seconds += time.perf_counter() - started
@@ -117,7 +117,7 @@ def filter_with_kills(folder, robot, count, kills, jobs):
 
 
 def manifest_seconds(place, count):
-    """Seconds that the manifest of so many logs takes by itself: read, a line a log, the table."""
+    """Processor time of the manifest alone for ``count`` logs: one line per log, then reading and the table."""
     contents = read_manifests(str(place))
     entries = [entry for entry in contents.entries.values() if entry.job == "filter"]
     with tempfile.TemporaryDirectory() as folder:
@@ -147,7 +147,7 @@ def main():
 
 
 def measure(folder, arguments):
-    """All of it; every command is a process of its own."""
+    """Run and measure all steps; every command is a separate process."""
     count, half = arguments.count, arguments.count // 2
     started = time.perf_counter()
     write_logs(folder, count)
@@ -155,8 +155,8 @@ def measure(folder, arguments):
     filtered, found = filter_with_kills(folder, 2, half, arguments.kills, arguments.jobs)
     before = cpu_seconds()
     filtered += finish(command(folder, *filter_words(1, arguments.jobs)))
-    cpu = (cpu_seconds() - before) / half  # of processes that nobody killed
-    again = [finish(command(folder, *filter_words(robot, arguments.jobs))) for robot in (1, 2)]  # all is done
+    cpu = (cpu_seconds() - before) / half  # of runs without a kill
+    again = [finish(command(folder, *filter_words(robot, arguments.jobs))) for robot in (1, 2)]  # nothing left to do
     entries = [e for robot in (1, 2) for e in read_manifests(str(folder / "results" / f"cell{robot}")).entries.values()]
     assert len(entries) == 2 * half
     manifests = [folder / "results" / f"cell{robot}" / "manifest.filter.jsonl" for robot in (1, 2)]
@@ -208,7 +208,7 @@ def write_report(folder, result):
     result["report"] = {"seconds": round(seconds, 1), "page_kB": round(size / 1e3), "alarms": alarms}
     print(json.dumps(result, indent=1))
     sys.path.insert(0, str(Path(__file__).parents[1]))
-    from common import keep  # only now: it prepares JAX
+    from common import keep  # imported late, because it initialises JAX
 
     keep(__file__, result)
 

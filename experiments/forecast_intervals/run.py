@@ -1,4 +1,4 @@
-"""Are the intervals of forecasts right on short logs, which tell size and time of slow errors from few stretches?"""
+"""Coverage of forecast intervals on short logs, where few segments constrain size and time scale of slow errors."""
 
 import sys
 from dataclasses import replace
@@ -14,14 +14,14 @@ import ftbias_jax as ft
 
 RATE, AHEAD = 50.0, (1.0, 10.0)
 SIZE = 2.0
-"""Standard deviation of the slow errors, in that of the noise of a sample."""
+"""Standard deviation of the slow errors, in units of the noise of a sample."""
 CASES = ((17.0, 2.0, 30), (17.0, 5.0, 30), (17.0, 15.0, 30), (60.0, 5.0, 20), (60.0, 20.0, 20), (300.0, 5.0, 6))
-"""Seconds of a log, correlation time in s, and number of logs."""
+"""Length of a log in s, correlation time in s, and number of logs."""
 LOW, HIGH = 0.90, 0.98
 
 
 def slow_errors(rng, t, time):
-    """(T, 6) N, Nm: a first-order Gauss-Markov process on each axis."""
+    """Sample a first-order Gauss-Markov process on each axis, (T, 6) N, Nm."""
     std, kept = SIZE * SETUP.sensor.noise_std, np.exp(-np.diff(t) / time)
     shocks = rng.normal(size=(len(t), 6))
     error = np.zeros_like(shocks)
@@ -31,19 +31,19 @@ def slow_errors(rng, t, time):
     return std * error
 
 
-def told(time):
-    """The setup of somebody who knows the slow errors exactly."""
+def setup_with_slow_errors(time):
+    """Setup that states size and correlation time of the slow errors exactly."""
     stated = {"correlated_std": SIZE * SETUP.sensor.noise_std, "correlated_time": np.full(6, time)}
     return replace(SETUP, sensor=replace(SETUP.sensor, **stated))
 
 
 def study(seconds, time, count):
-    """Share of the readings within their 95 % intervals, by log and axis, and what becomes of it."""
+    """Share of the readings within their 95 % intervals by log and axis, summarised."""
     shares = {name: {ahead: [] for ahead in AHEAD} for name in ("found in the log", "known exactly")}
     for seed in range(count):
         log = ft.simulate(SETUP, duration=seconds, rate=RATE, motion="moves", seed=seed).log
         log = log._replace(wrench=log.wrench + slow_errors(np.random.default_rng(seed), log.t, time))
-        for name, setup in (("found in the log", SETUP), ("known exactly", told(time))):
+        for name, setup in (("found in the log", SETUP), ("known exactly", setup_with_slow_errors(time))):
             result = ft.filter_log(setup, log, unchecked=True)
             for ahead in AHEAD:
                 shares[name][ahead].append(np.nanmean(inside(result, ahead), axis=0))

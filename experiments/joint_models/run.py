@@ -1,4 +1,4 @@
-"""The acceleration that the report's three joint models estimate, each with its noise of maximum likelihood."""
+"""Error of the acceleration estimated by the report's three joint models, each with its maximum-likelihood noise."""
 
 import sys
 from pathlib import Path
@@ -22,13 +22,13 @@ from ftbias_jax.filtering.process_models import JOINT_MODELS
 
 RATES = [500.0, 100.0]
 SECONDS = 12.0
-"""Of each log: one to tune on, one to judge by."""
+"""Length of each of two logs: one to tune the noise on, one to score on."""
 SETTLED = 1.0
 COLORS = dict(zip(JOINT_MODELS, ("#0072B2", "#D55E00", "#009E73"), strict=True))
 
 
 def accelerations(params, log, model):
-    """Filtered and smoothed (T, n)."""
+    """Filtered and smoothed joint accelerations, (T, n) each."""
     start = pipeline.init(params, log)
     track = filter_scan(JOINT_MODELS[model], stages.joint_inputs(params.joint, start.joint, log))
     smoothed = smoother.smooth_joints(params, start, log, Options(joint_model=model))
@@ -36,7 +36,7 @@ def accelerations(params, log, model):
 
 
 def compare(motion, rate):
-    """Scores of each model for one motion at one rate, and two seconds of one joint to look at."""
+    """Scores of each model for one motion at one rate, and the acceleration of one joint to plot."""
     t = jnp.arange(round(SECONDS * rate)) / rate
     trajectories = jax.tree.map(lambda *x: jnp.stack(x), *(motion(seed, t) for seed in (0, 1)))
     _, logs = simulate_logs(0, 2, PARAMS, trajectories)
@@ -77,7 +77,7 @@ def main():
 
 
 def draw(result, shown):
-    """Bars of all cases, and the last case over two seconds."""
+    """Plot bars of all cases, and three seconds of the last case."""
     figure = Figure(figsize=(10, 3.8), layout="constrained")
     bars, lines = figure.subplots(1, 2)
     for i, (model, color) in enumerate(COLORS.items()):

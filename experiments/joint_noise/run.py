@@ -1,4 +1,4 @@
-"""How far above the likeliest the process noise of the joints should be, for the sake of the bias."""
+"""By which factor the joints' process noise should exceed its maximum-likelihood value, for the smallest bias error."""
 
 import sys
 from pathlib import Path
@@ -13,7 +13,7 @@ from common import MOTIONS, PARAMS, keep, rounded, simulate_logs
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.fast import stages
 from ftbias_jax.filtering.fast.scan import filter_scan
-from ftbias_jax.filtering.params_for_log import likeliest_density
+from ftbias_jax.filtering.params_for_log import max_likelihood_density
 from ftbias_jax.filtering.pipeline import DEFAULT_OPTIONS
 from ftbias_jax.filtering.process_models import drift_noise
 
@@ -23,12 +23,12 @@ LOGS, DURATION, RATE, SETTLED = 8, 30.0, 250.0, 5.0
 
 @jax.jit
 def likeliest(samples):
-    return jax.vmap(lambda log: likeliest_density(PARAMS.joint, log.dt, log.q, log.dq))(samples)
+    return jax.vmap(lambda log: max_likelihood_density(PARAMS.joint, log.dt, log.q, log.dq))(samples)
 
 
 @jax.jit
 def errors(densities, samples, truth):
-    """Error of the bias and its standard deviation, (logs, T, 6)."""
+    """Error of the bias and its standard deviation, (logs, T, 6) each."""
 
     def one(density, log, bias):
         params = PARAMS._replace(joint=PARAMS.joint._replace(process_density=density))
@@ -40,7 +40,7 @@ def errors(densities, samples, truth):
 
 @jax.jit
 def errors_of_known_joints(samples, truth):
-    """The same where the wrench of the tool is known exactly: no choice of the joints' noise can do better."""
+    """Errors with the wrench of the tool known exactly, the lower bound for any choice of the joints' noise."""
 
     def one(log, wrench_tool, bias):
         variance = jnp.broadcast_to(PARAMS.bias.wrench_variance, wrench_tool.shape)
@@ -52,7 +52,7 @@ def errors_of_known_joints(samples, truth):
 
 
 def scores(error, std):
-    """Of the settled part: rms of force and torque, and the shares of errors within 2 and 3 sigma."""
+    """After the settling time: rms errors of force and torque, and shares of errors within 2 and 3 sigma."""
     first = round(SETTLED * RATE)
     error, inside = error[:, first:], jnp.abs(error / std)[:, first:]
     rms = jnp.sqrt((error**2).mean((0, 1)))
@@ -99,7 +99,7 @@ def draw(result):
     ):
         for color, marker, (name, scored) in zip(("#0072B2", "#D55E00"), "os", result["motions"].items(), strict=True):
             ax.plot(FACTORS, [s[key] for s in scored["by_factor"]], color=color, marker=marker, label=name)
-        # The same for both motions: with known joints the motion does not matter.
+        # One line serves both motions, because the motion does not matter when the joints are known.
         ax.axhline(scored["known_joints"][key], color="black", linestyle=":", label="joints known")
         ax.set_xscale("log", base=2)
         ax.set(title=title, xlabel="process noise / likeliest")

@@ -1,4 +1,4 @@
-"""What loggers do to joints, stamps and tables, done to logs whose setup is right: nothing may be diagnosed.
+"""Typical logger artefacts in joints, stamps and tables of logs whose setup is right: no cause may be diagnosed.
 
 python experiments/loggers/run.py [--count 12] [--seed 1127] writes result.json beside this script.
 """
@@ -21,11 +21,11 @@ from common import keep  # noqa: E402
 from validation.generator.make import Limits, make_set  # noqa: E402
 
 BEGIN = 0.2
-"""Share of a log before it is cut, so that it begins in motion."""
+"""Share of a log that is cut off at its start, so that it begins in motion."""
 LAG = {"low_pass": {"cutoff": 0.4}}
-"""Of the sensor, in logs that begin in motion."""
+"""Lag of the sensor in logs that begin in motion."""
 WARM_UP = 5.0
-"""s at the start of a log that do not count to the error of the bias."""
+"""s at the start of a log that are excluded from the error of the bias."""
 
 
 def rounded(log, degrees):
@@ -34,7 +34,7 @@ def rounded(log, degrees):
 
 
 def lagging(values, t, seconds):
-    """(T, n) behind a low-pass of the first order."""
+    """Filter values (T, n) by a first-order low-pass with a time constant in seconds."""
     late = values.copy()
     for i, share in enumerate(-np.expm1(-np.diff(t) / seconds), 1):
         late[i] = late[i - 1] + share * (values[i] - late[i - 1])
@@ -50,7 +50,7 @@ def velocities(log):
 
 
 def somewhere(log):
-    """Three rows of a log, far apart."""
+    """Indices of three rows of a log that are far apart."""
     return np.array([3, 5, 8]) * len(log.t) // 10
 
 
@@ -61,13 +61,13 @@ def with_rows(values, rows, others):
 
 
 def zeros(log, rows):
-    """Messages without content: joints, velocities and wrench are zero."""
+    """Set joints, velocities and wrench of some rows to zero, as in messages without content."""
     changed = {name: with_rows(getattr(log, name), rows, 0 * getattr(log, name)) for name in ("q", "dq", "wrench")}
     return log._replace(**changed)
 
 
 def frozen(log, last, repeats):
-    """The joints of each of the last rows again and again, while those that follow are missing."""
+    """Repeat the joints of each row in ``last`` over the following ``repeats`` rows, as if those were missing."""
     rows = np.add.outer(last, np.arange(1, repeats + 1)).ravel()
     q, dq = log.q.copy(), log.dq.copy()
     q[rows], dq[rows] = (values[np.repeat(last, repeats)] for values in (q, dq))
@@ -75,7 +75,7 @@ def frozen(log, last, repeats):
 
 
 def lost(log, samples=20):
-    """Rows without stamps of their own: from the middle on, they are said to be earlier than they were."""
+    """Remove rows in the middle and close the gap in the stamps, so that all later stamps are too early."""
     middle = len(log.t) // 2
     rows = np.r_[:middle, middle + samples : len(log.t)]
     t = log.t - np.where(log.t > log.t[middle], log.t[middle + samples] - log.t[middle], 0)
@@ -102,30 +102,30 @@ CHANGES = {
     "samples are lost, and the others counted": lost,
     "the last 20 samples repeat the joints": lambda log: frozen(log, [len(log.t) - 21], 20),
 }
-"""Name -> a log as some loggers or controllers write it."""
+"""Name -> function that changes a log into what some loggers or controllers write."""
 WAIT = 0.3
-"""Mean of how long messages wait before they are logged, in intervals; some wait ten times as long."""
+"""Mean wait of messages before they are logged, in sample intervals; some wait ten times as long."""
 
 
 def queued(arrivals):
-    """No message overtakes another."""
+    """Delay arrivals so that no message overtakes another."""
     return np.maximum.accumulate(arrivals) + 1e-7 * np.arange(len(arrivals))
 
 
 def arrival(t, rng):
-    """Messages are logged when they arrive, in order."""
+    """Stamp messages at their arrival, in order."""
     wait = np.median(np.diff(t)) * rng.exponential(WAIT * np.where(rng.random(len(t)) < 0.01, 10, 1))
     return queued(t + wait)
 
 
 def packets(t, rng, count=8):
-    """Several readings are sent at once."""
+    """Stamp readings that are sent together in packets of ``count``."""
     number = np.arange(len(t))
     return t[np.minimum(number // count * count + count - 1, len(t) - 1)] + 1e-5 * (number % count)
 
 
 def hiccups(t, rng):
-    """A recorder is busy for up to 30 ms, five times."""
+    """Delay the stamps by a recorder that is busy five times, for up to 30 ms."""
     wait = np.zeros(len(t))
     wait[rng.integers(0, len(t), 5)] = rng.uniform(0, 0.03, 5)
     return queued(t + wait)
@@ -140,13 +140,13 @@ STAMPS = {
     ),
     "stamps rounded to milliseconds": lambda t, rng: np.round(t, 3),
 }
-"""Name -> (T,) s, the stamps in the file of readings that were taken at t (T,) s."""
+"""Name -> function that returns the stamps (T,) s in the file of readings that were taken at t (T,) s."""
 SLOWER = 40.0
-"""Hz: of readings that were interpolated linearly onto the rows."""
+"""Rate in Hz of readings that were interpolated linearly onto the rows."""
 
 
 def interpolated(names):
-    """Some arrays were read more slowly, and interpolated onto the rows, as most programs do."""
+    """Return a change that samples some arrays more slowly and interpolates them onto the rows, as most programs do."""
 
     def change(arrays, rng):
         t = arrays["t"]
@@ -161,16 +161,16 @@ TABLES = {
     "joints interpolated from 40 Hz": interpolated(("q", "dq")),
     "joints and wrench interpolated from 40 Hz": interpolated(("q", "dq", "wrench")),
 }
-"""Name -> the arrays of a file that some programs make of those of a log."""
+"""Name -> function that changes the arrays of a log into those that some programs write."""
 STATED = {
     "noise of positions stated 5 times too small": "position_noise_std",
     "noise of velocities stated 5 times too small": "velocity_noise_std",
 }
-"""Name -> the key of [joints] that is wrong in the setup."""
+"""Name -> key of [joints] whose value in the setup is wrong."""
 
 
 def bias_error(setup, log, truth):
-    """Root mean square over seconds and axes of the error of the bias, in standard deviations of the noise."""
+    """Rms error of the bias over all seconds and axes, in standard deviations of the noise."""
     result = ft.filter_log(setup, clean(log))
     seconds = np.arange(WARM_UP, len(truth) - 1)
     rows = np.searchsorted(result.t - log.start, seconds)
@@ -179,7 +179,7 @@ def bias_error(setup, log, truth):
 
 
 def named(setup, log):
-    """Causes and terms that are named, in words."""
+    """Names of the diagnosed causes and terms in one string; "none" if there are none."""
     found = ft.diagnose(setup, [log])
     return " ".join([cause.effect for cause in found.causes] + ["term" for _ in found.terms]) or "none"
 
@@ -189,12 +189,12 @@ def stamped(change):
 
 
 def read_again(path, setup, change, seed):
-    """The log of a file with other stamps or readings."""
+    """Read the log of a file again, with changed stamps or readings."""
     return ft.Log.from_arrays(setup, **change(dict(np.load(path)), np.random.default_rng(seed)), raw=True)
 
 
 def study(path, setup, log, truth, seed):
-    """(name, what is named, error of the bias over that of the log as recorded or None) of each change."""
+    """Yield name, diagnosed causes and bias error relative to the log as recorded (or None) of each change."""
     best = bias_error(setup, log, truth)
     for name, change in {**{name: stamped(stamps) for name, stamps in STAMPS.items()}, **TABLES}.items():
         changed = read_again(path, setup, change, seed)
@@ -212,7 +212,7 @@ def study(path, setup, log, truth, seed):
 
 
 def begun(log):
-    """The log without its beginning."""
+    """Cut off the first ``BEGIN`` share of a log."""
     first = int(BEGIN * len(log.t))
     rows = {name: getattr(log, name)[first:] for name in ("q", "dq", "wrench", "temperature")}
     return log._replace(t=log.t[first:] - log.t[first], **rows)

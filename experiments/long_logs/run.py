@@ -17,7 +17,7 @@ FILTER = "import sys; from ftbias_jax.cli.main import main; sys.exit(main())"
 
 
 def write_log(path, samples, dtype):
-    """Sines of every joint and a wrench of slow waves; the noise of good encoders and a fair sensor."""
+    """Write a log with sines of every joint, slow waves of the wrench, and typical noise of encoders and sensor."""
     rng = np.random.default_rng(0)
     t = np.arange(samples) * INTERVAL
     q, dq, wrench = (np.empty((samples, width), dtype) for width in (JOINTS, JOINTS, 6))
@@ -32,7 +32,7 @@ def write_log(path, samples, dtype):
 def measure(folder, samples, dtype):
     log, setup, output = folder / "log.npz", folder / "setup.toml", folder / "out.npz"
     setup.write_text(dump_setup(parse_setup(SETUP)))
-    # In a process of its own, whose memory the filter's process does not start from.
+    # The log is written by a separate process, so that its memory does not count towards the peak of the filter.
     writer = f"import numpy, run, pathlib; run.write_log(pathlib.Path({str(log)!r}), {samples}, numpy.{dtype})"
     subprocess.run([sys.executable, "-c", writer], check=True, cwd=Path(__file__).parent)
     started = time.perf_counter()
@@ -60,6 +60,6 @@ if __name__ == "__main__":
                 results.append(measure(Path(folder), samples, dtype))
             print(results[-1], flush=True)
     sys.path.insert(0, str(Path(__file__).parents[1]))
-    from common import keep  # only now: the memory of JAX must not be that of the measured process
+    from common import keep  # imported late, because the memory of JAX would count towards the measured process
 
     keep(__file__, results)

@@ -1,4 +1,4 @@
-"""A thousand logs simulated, filtered in one call and tuned to in one call: seconds, samples a second, padding, memory.
+"""A thousand logs simulated, then filtered and tuned in one call each: time, samples per second, padding, memory.
 
 ``python run.py 100`` takes 100 logs.
 """
@@ -21,10 +21,10 @@ from ftbias_jax.filtering.samples import arrays_from_log
 from ftbias_jax.runtime.compiled_loops import PIECE
 
 LOGS, SECONDS, RATE = 1000, 10.0, 500.0
-RAGGED = 10  # of so many logs one is also in the set of unequal lengths
-LENGTHS = (2.0, 20.0)  # s, evenly drawn
+RAGGED = 10  # there is one log of unequal length for this many logs
+LENGTHS = (2.0, 20.0)  # s, uniformly drawn
 FIELDS = ("bias", "bias_std", "drift")
-ALONE = 8  # logs that are filtered one by one, too
+ALONE = 8  # number of logs that are also filtered one by one
 SERIES = ("t", "q", "dq", "wrench", "temperature")
 compiled = []
 jax.monitoring.register_event_duration_secs_listener(
@@ -33,7 +33,7 @@ jax.monitoring.register_event_duration_secs_listener(
 
 
 def timed(function, samples=None):
-    """What a function returns, with its seconds of processor and of clock, and the programs it compiled."""
+    """Call a function; return its result, and its processor time, wall time and number of compiled programs."""
     cpu, clock, before = time.process_time(), time.perf_counter(), len(compiled)
     result = function()
     cpu, clock = time.process_time() - cpu, time.perf_counter() - clock
@@ -53,7 +53,7 @@ def simulate(seed, seconds=SECONDS):
 
 
 def ragged(count):
-    """Logs of 2 to 20 s: beginnings of logs of 20 s, so that simulating them compiles once."""
+    """Simulate logs of 2 to 20 s, as beginnings of logs of 20 s, so that the simulation is compiled only once."""
     rng = np.random.default_rng(0)
     logs = []
     for seed in range(count):
@@ -63,7 +63,7 @@ def ragged(count):
 
 
 def shares_of_padding(logs):
-    """Of the samples that are worked on: when filtering, and in the likelihood of the wrench that tune climbs."""
+    """Share of padding among the processed samples, in filtering and in the wrench likelihood that tune maximises."""
     lengths = np.array([len(log.t) for log in logs])
     filtered = PIECE * -(-lengths // PIECE)
     samples = [arrays_from_log(log) for log in logs]

@@ -1,4 +1,4 @@
-"""The 95 % bands of simulators drawn from a diagnosis, on what follows in recorded logs, episode by episode.
+"""Coverage of the 95 % bands of simulators sampled from a diagnosis, on unseen episodes of recorded logs.
 
 FTBIAS_SHARED=FOLDER python experiments/mend_the_simulator/recorded.py writes recorded.json beside this script.
 """
@@ -22,11 +22,11 @@ from ftbias_jax.filtering.method.ready import filtered_with
 from ftbias_jax.simulators.mended import OF_THE_ROBOT
 
 EPISODE = 8.0
-"""s: the reading is tared over the first second of each, as where a policy is trained."""
+"""s: length of an episode; the reading is tared over its first second, as is usual when a policy is trained."""
 
 
 def halves(setup, log):
-    """The two halves of a log, each from 0 s."""
+    """Yield the two halves of a log, each with stamps from 0 s."""
     cut = len(log.t) // 2
     for part in (slice(0, cut), slice(cut, None)):
         arrays = {name: getattr(log, name)[part] for name in ("q", "dq", "wrench", "temperature")}
@@ -34,7 +34,7 @@ def halves(setup, log):
 
 
 def readings(drawn, log, episodes):
-    """(E, L, 6) what each drawn simulator, which is our own model with its sensor, reads in episodes of a log."""
+    """Yield readings (E, L, 6) of each sampled simulator, the package's model with its sensor, in episodes of a log."""
     for i, one in enumerate(drawn):
         of_robot = {name: x for name, x in one.effects.items() if name in OF_THE_ROBOT}
         truth, sensor = ft.simulate(replace(one, effects=of_robot), motion=log).truth, ft.sensor_model(one)
@@ -45,7 +45,7 @@ def readings(drawn, log, episodes):
 
 
 def judged(setup, first, second):
-    """Identified on one log, with its bias and the noise that it shows, diagnosed there, and judged on another."""
+    """Identify tool, bias and noise on one log and diagnose it, then score the sampled simulators on another log."""
     setup = ft.identify_tool(setup, first, bias=True).setup
     setup = ft.setup_with(setup, filtered_with(setup, first)[1])
     diagnosis = ft.diagnose(setup, [first])

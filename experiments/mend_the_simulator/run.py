@@ -1,4 +1,4 @@
-"""A user's wrong scene against a MuJoCo "reality" with withheld changes: mended by one recording, judged by another."""
+"""A MuJoCo scene corrected from one recording of a "real" scene with withheld changes, and scored on another."""
 
 import json
 import sys
@@ -29,14 +29,14 @@ from ftbias_jax.simulators.validate import validate
 SCENE = Path(__file__).with_name("scene.xml")
 TOML = '[robot]\nmjcf = "scene.xml"\n\n[sensor]\nnoise_std = [0.05, 0.002]\n'
 DURATION, RATE, FIRST, EACH = 40.0, 200.0, 6, 3
-"""s, Hz, and the number of the first case of each kind: those before were looked at while the method was made."""
+"""s, Hz, first case and number of cases per kind; earlier cases were used while the method was developed."""
 DRAWS, TARE = 60, 1.0
-"""Simulators for each band, 0 = no bands; s at the start over which recording and simulations are set to zero."""
+"""Number of simulators per band, 0 = no bands; s at the start over which recording and simulations are tared."""
 KINDS = ("tool", "mounting", "cable", "delay and low-pass", "crosstalk", "drag", "flexible tool", "gravity and tool")
 
 
 def changed(kind, rng, folder):
-    """The real scene, written by MuJoCo itself; what else the sensor does to its reading; and what is true."""
+    """Return the "real" scene, written by MuJoCo, the sensor's effect on its reading, and the true parameters."""
     spec = mujoco.MjSpec.from_file(str(SCENE))
     hand, site = spec.body("hand"), spec.site("ft_site")
     sensor, truth = lambda t, wrench, velocity: wrench, {}
@@ -102,7 +102,7 @@ def changed(kind, rng, folder):
 
 
 def velocity_in_sensor(scene, t, q):
-    """(T, 3) m/s of the sensor's site, along its axes."""
+    """Velocity (T, 3) m/s of the sensor's site, in its axes."""
     data, places, axes = mujoco.MjData(scene.model), [], []
     for row in q:
         data.qpos[scene.model.jnt_qposadr[list(scene.joints)]] = row
@@ -113,7 +113,7 @@ def velocity_in_sensor(scene, t, q):
 
 
 def recording(setup, scene, sensor, seed):
-    """A log of the real robot: encoders with noise, and the wrench with bias, drift and noise."""
+    """Record a log of the real robot: joints with encoder noise, and a wrench with bias, drift and noise."""
     made = ft.simulate(setup, {}, duration=DURATION, rate=RATE, seed=seed)
     log, truth = made.log, made.truth
     states = np.stack([truth.q, truth.dq, truth.ddq], 2)
@@ -122,7 +122,7 @@ def recording(setup, scene, sensor, seed):
 
 
 def errors_of(causes, truth):
-    """(value - truth) / standard error of the parameters of which something is known."""
+    """(value - truth) / standard error of those parameters that have a known truth and a standard error."""
     found = []
     for cause in causes:
         for name, true in truth.get(cause.effect, {}).items():
@@ -134,7 +134,7 @@ def errors_of(causes, truth):
 
 
 def draws_of(diagnosis, setup, seed):
-    """Setups drawn from the posterior of a diagnosis."""
+    """Sample setups from the posterior of a diagnosis."""
     content = to_json(diagnosis)
     posterior, setup = posterior_of(diagnosis.causes, content, catalogue_of_setup(setup)), with_rest(setup, content)
     rng = np.random.default_rng(seed)
@@ -143,7 +143,7 @@ def draws_of(diagnosis, setup, seed):
 
 @partial(jax.jit, static_argnames="memory")
 def read(sensor, t, wrench, dq, key, memory):
-    """(T, 6) what a sensor model reads of a felt wrench (T, 6), with fresh bias, drift and noise."""
+    """Reading (T, 6) of a sensor model for an applied wrench (T, 6), with random bias, drift and noise."""
     state = sensor.start(wrench[0], sensor.draw(key), memory=memory)
 
     def step(state, sample):
@@ -155,7 +155,7 @@ def read(sensor, t, wrench, dq, key, memory):
 
 
 def readings(drawn, user, log, states, folder):
-    """What each of the drawn simulators reads in the motion of a log."""
+    """Yield the reading (T, 6) of each sampled simulator for the motion of a log."""
     for i, one in enumerate(drawn):
         (folder / "drawn.xml").write_text(
             mend_mjcf(one, user, str(folder / "drawn.xml")).files[str(folder / "drawn.xml")]
@@ -165,7 +165,7 @@ def readings(drawn, user, log, states, folder):
 
 
 def covered(log, simulated):
-    """Share of the readings in the 95 % bands of simulated ones, and the bands' mean half width in noise sigmas."""
+    """Share of the readings within the 95 % bands of simulated ones, and the bands' mean half width (6,) N, Nm."""
     start = log.t < TARE
     tared = [wrench - np.nanmean(wrench[start], axis=0) for wrench in (log.wrench, *simulated)]
     low, high = np.nanquantile(tared[1:], (0.025, 0.975), axis=0)[:, ~start]
@@ -175,7 +175,7 @@ def covered(log, simulated):
 
 
 def prepared(kind, number, folder):
-    """A user's scene and setup in a folder; then the real robot, its sensor and what is true of it."""
+    """Write a user's scene and setup; return the setup, the real scene, its sensor and the true parameters."""
     (folder / "scene.xml").write_text(SCENE.read_text())
     (folder / "setup.toml").write_text(TOML)
     rng = np.random.default_rng([KINDS.index(kind), number])
@@ -183,7 +183,7 @@ def prepared(kind, number, folder):
 
 
 def case(kind, number, folder):
-    """One scene, one recording to mend it by, one to judge it by."""
+    """Correct one scene from one recording, and score it on another one."""
     setup, real, sensor, truth = prepared(kind, number, folder)
     first, second = (recording(setup, real, sensor, 1000 * (1 + KINDS.index(kind)) + 2 * number + i) for i in (0, 1))
     start = time.perf_counter()
@@ -224,7 +224,7 @@ def case(kind, number, folder):
 
 
 def main(kinds):
-    """All cases, or new ones of some kinds beside those of the others that are there."""
+    """Run the cases of some kinds (all by default), and keep the saved cases of the other kinds."""
     there = json.loads(Path(__file__).with_name("result.json").read_text())["result"]["cases"] if kinds else []
     cases = [one for one in there if one["kind"] not in kinds]
     for kind in kinds or KINDS:

@@ -1,4 +1,4 @@
-"""Eight recordings of run.py in `mujoco.sysid`: the tool's mass, centre and inertia beside those of `identify`.
+"""Comparison of `mujoco.sysid` with `identify` on eight recordings of run.py: mass, centre and inertia of the tool.
 
 It needs pip install 'mujoco[sysid]>=4' and writes sysid.json beside this script.
 """
@@ -19,22 +19,22 @@ from ftbias_jax.simulators.replay import joint_states, replay
 
 CASES = (*(("tool", i) for i in range(4)), *((kind, i) for kind in ("cable", "delay and low-pass") for i in (0, 1)))
 EVERY = 10
-"""Samples whose mean both the recording and the replay are compared by: the motion is far slower than that."""
+"""Number of samples averaged before recording and replay are compared; the motion is far slower than that."""
 
 
 def values_of(tool):
-    """(10,) kg, m, kg m^2."""
+    """Inertial parameters (10,) of a tool in kg, m, kg m^2."""
     return np.array([tool.mass, *tool.center_of_mass, *tool.inertia])
 
 
 def set_inertia(spec, parameter):
-    """Sysid's own, which leaves the orientation of the hand's inertia NaN: MuJoCo 4.0.0 then makes it zero."""
+    """Apply sysid's own modifier; it leaves the inertia's orientation NaN, which MuJoCo 4.0.0 then makes zero."""
     sysid.apply_body_inertia(spec, "hand", parameter)
     spec.body("hand").iquat[:] = [1, 0, 0, 0]
 
 
 def by_sysid(user, setup, log):
-    """Tool (10,) and standard errors (10,) by sysid, with the inertia of the hand and a constant bias as parameters."""
+    """Fit the hand's inertia and a constant bias by sysid; return tool parameters (10,) and standard errors (10,)."""
     count = len(log.t) // EVERY
     t, wrench = log.t[: count * EVERY : EVERY], log.wrench[: count * EVERY].reshape(count, EVERY, 6).mean(1)
     states = joint_states(setup, log)[: count * EVERY].reshape(count, EVERY, -1, 3).mean(1)
@@ -70,7 +70,7 @@ def by_identify(user, setup, log):
 
 
 def compared(kind, number, folder):
-    """Errors of both on one recording: mass g, centre mm, inertia g m^2, and in their own standard errors."""
+    """Errors of both methods on one recording: mass g, centre mm, inertia g m^2, and relative to standard errors."""
     setup, real, sensor, _ = prepared(kind, number, folder)
     log = recording(setup, real, sensor, 1000 * (1 + KINDS.index(kind)) + 2 * number)
     user, truth, row = load_mjcf(folder / "scene.xml"), values_of(mjcf_tool(real)), {"kind": kind}

@@ -1,4 +1,4 @@
-"""Simulated logs of several arms, rates, tools and motions, with the tables of the setup that is right for them."""
+"""Simulated logs of several arms, rates, tools and motions, with the tables of their right setup."""
 
 import copy
 
@@ -18,7 +18,7 @@ SIX_AXES = {
         {"axis": [0, 1, 0], "point": [0.82, 0, 0.06]},
     ],
 }
-"""An arm of the shape of a UR5."""
+"""Arm with the geometry of a UR5."""
 FOUR_AXES = {
     "flange": {"translation": [0.7, 0.0, 0.9], "rotation_rpy": [0.0, 1.5708, 0.0]},
     "joints": [
@@ -28,7 +28,7 @@ FOUR_AXES = {
         {"axis": [1, 0, 0], "point": [0.3, 0, 0.9]},
     ],
 }
-"""A turning column with a slide and a wrist of two axes."""
+"""Arm with a rotating column, a prismatic joint and a wrist of two axes."""
 ARMS = {"panda": {"model": "panda"}, "six axes": SIX_AXES, "four axes": FOUR_AXES}
 SHAPES = (
     ("panda", "sines", 250.0, 30.0, 1),
@@ -37,11 +37,11 @@ SHAPES = (
     ("four axes", "sines", 500.0, 20.0, 50),
     ("six axes", "sines", 7000.0, 6.0, 1),
 )
-"""Arm, motion, rate in Hz, duration in s, and every how many samples the wrench is measured."""
+"""Arm, motion, rate in Hz, duration in s, and number of joint samples per wrench sample."""
 
 
 def random_tables(arm, rng):
-    """A setup that is right for what is simulated with it."""
+    """Random tables of the setup that a log is simulated with."""
     angles = [180.0 * rng.integers(2), 0.0, float(rng.choice([30.0, 45.0, 90.0, -135.0, 180.0]))]
     mass = float(rng.uniform(0.3, 3.0))
     center = [*rng.uniform(-0.02, 0.02, 2).tolist(), float(rng.uniform(0.03, 0.12))]
@@ -62,11 +62,11 @@ def random_tables(arm, rng):
 
 
 def simulated(shape, seed):
-    """Tables and arrays of a log whose setup is right.
+    """Simulate a log; return the tables of its right setup and its arrays.
 
     Args:
-        shape: as in SHAPES.
-        seed: the same makes the same log.
+        shape: an entry of SHAPES.
+        seed: seed of the log; the same seed makes the same log.
     """
     arm, motion, rate, duration, every = shape
     rng = np.random.default_rng(seed)
@@ -82,7 +82,7 @@ def simulated(shape, seed):
 
 
 def as_pose(tables, arrays, rng):
-    """The same log as a recording of the flange's pose with a gyroscope."""
+    """Convert a log into a recording of the flange's pose with a gyroscope; return tables and arrays."""
     setup = ft.parse_setup(tables)
     robot, bare = setup.robot, copy.copy(setup.sensor)
     object.__setattr__(bare, "translation", np.zeros(3))

@@ -1,4 +1,4 @@
-"""The mistakes: each changes the tables of a right setup, or the arrays of a log, as people do."""
+"""Common mistakes, each of which changes the tables of a right setup or the arrays of a log."""
 
 import copy
 from itertools import permutations, product
@@ -13,7 +13,7 @@ G, LBF = 9.80665, 4.4482216
 
 
 def scaled(*factors):
-    """A wrench whose force and torque are in other units."""
+    """Return a mistake: force and torque in other units, by these factors."""
 
     def change(tables, arrays, rng):
         arrays["wrench"] = arrays["wrench"] * np.repeat(factors, 3)
@@ -22,7 +22,7 @@ def scaled(*factors):
 
 
 def setting(section, key, value):
-    """A value of the setup that is wrong; a function makes it of the right one."""
+    """Return a mistake: a wrong value in the setup, given directly or as a function of the right value."""
 
     def change(tables, arrays, rng):
         values = tables.setdefault(section, {})
@@ -56,7 +56,7 @@ def swapped(tables, arrays, rng):
 
 
 def turned(matrix):
-    """A sensor that is mounted otherwise, or whose columns have other signs."""
+    """Return a mistake: a sensor that is mounted differently, or whose columns are permuted or mirrored."""
 
     def change(tables, arrays, rng):
         P = matrix(rng) if callable(matrix) else np.array(matrix, float)
@@ -73,7 +73,7 @@ def _signed_permutation(rng, determinant):
 
 
 def tool_wrench(tables, arrays, gravity=True):
-    """The wrench of the tool along the log, in the sign of the report, and the motion of the sensor."""
+    """Return the wrench of the tool along the log, with the sign of the reading, and the motion of the sensor."""
     setup = ft.parse_setup(tables)
     log = ft.Log.from_arrays(setup, **arrays)
     dt = log.t
@@ -101,11 +101,11 @@ def _first(arrays, count=20):
 
 
 def zeroed_at_start(tables, arrays, rng):
-    """At the first sample."""
+    """Tare the sensor at the first sample."""
     arrays["wrench"] = arrays["wrench"] - _first(arrays, 1)
 
 
-def zeroed_on_the_way(tables, arrays, rng):
+def tared_while_recording(tables, arrays, rng):
     rows = np.flatnonzero(np.isfinite(arrays["wrench"]).all(1))
     for share in np.sort(rng.uniform(0.2, 0.8, 2)):
         at = rows[int(share * len(rows))]
@@ -115,7 +115,7 @@ def zeroed_on_the_way(tables, arrays, rng):
 
 
 def late(tables, arrays, rng):
-    """Wrench stamped 0.3 to 2 s late or early."""
+    """Shift the stamps of the wrench by 0.3 to 2 s, late or early."""
     delay = rng.uniform(0.3, 2.0) * rng.choice([-1, 1])
     t = arrays["t"]
     step = round(delay / np.median(np.diff(t)))
@@ -138,7 +138,7 @@ def offset(tables, arrays, rng):
 
 
 def odd_mount(tables, arrays, rng):
-    """By an angle that is on no list."""
+    """Rotate the sensor by an arbitrary axis and angle, which is no common mounting."""
     axis = rng.normal(size=3)
     axis /= np.linalg.norm(axis)
     angle = rng.uniform(2.0, 2.6)
@@ -147,18 +147,18 @@ def odd_mount(tables, arrays, rng):
 
 
 def rpy_in_degrees(tables, arrays, rng):
-    """Of a sensor that is turned."""
+    """State the roll, pitch and yaw of a rotated sensor in degrees."""
     tables["sensor"]["rotation_rpy"] = np.degrees(tables["sensor"]["rotation_rpy"]).tolist()
 
 
 def _turning(tables, arrays):
-    """Which joints turn."""
+    """Mask of the revolute joints."""
     joints = tables["robot"].get("joints", [{}] * arrays["q"].shape[1])
     return np.array([joint.get("type") != "prismatic" for joint in joints])
 
 
 def _one_of(tables, arrays, rng):
-    """A joint that turns: not the first, which may turn about the vertical, nor the last, which turns the sensor."""
+    """Mask of a random revolute joint: not the first, which may be vertical, nor the last, which turns the sensor."""
     joint = rng.choice(np.flatnonzero(_turning(tables, arrays)[:-1])[1:])
     return np.arange(arrays["q"].shape[1]) == joint
 
@@ -213,7 +213,7 @@ MISTAKES = {
     "payload compensated": ("compensated", without_tool),
     "weight compensated": ("compensated", without_weight),
     "zeroed at the start": ("rezeroed", zeroed_at_start),
-    "zeroed on the way": ("rezeroed", zeroed_on_the_way),
+    "zeroed on the way": ("rezeroed", tared_while_recording),
     "clocks off by 0.3 to 2 s": ("time_offset", late),
     "wrench in the base frame": ("base_frame_wrench", in_base_frame),
     "raw offset": ("raw_offset", offset),
@@ -223,7 +223,7 @@ MISTAKES = {
     "a joint turned round": ("joint_convention", joint_turned_round),
     "a joint from another zero": ("joint_convention", joint_from_another_zero),
 }
-"""Name -> what is to be found, and the mistake."""
+"""Name -> (expected finding, mistake)."""
 
 
 def reordered(tables, arrays, rng):
@@ -254,18 +254,18 @@ POSE_MISTAKES = {
     "pose: sign": ("sign", sign),
     "pose: sensor turned 180 deg": ("sensor_axes", turned(np.diag([-1, -1, 1]))),
 }
-"""The same for recorded poses."""
+"""Name -> (expected finding, mistake) for recorded poses."""
 
 
 def mistaken(change, tables, arrays, rng):
-    """Copies with one mistake."""
+    """Return copies of tables and arrays with one mistake."""
     tables, arrays = copy.deepcopy(tables), dict(arrays)
     change(tables, arrays, rng)
     return tables, arrays
 
 
 def applies(name, tables, arrays):
-    """Whether a mistake of a recorded pose can be made with this log."""
+    """Whether a mistake in a recorded pose can be made with this log."""
     needs = {"position in the body's axes": "position", "gyroscope in deg/s": "angular_velocity"}
     if needs.get(name, "wrench") not in arrays:
         return False

@@ -1,4 +1,4 @@
-"""Simulated static poses of five arms, the standard calibration, with a setup that is right but for its tool."""
+"""Simulated static poses of five arms, as in the standard calibration, with a right setup except for its tool."""
 
 import numpy as np
 from logs import SIX_AXES
@@ -18,13 +18,13 @@ ARMS = {
 KINDS = {"sign", "gravity", "wrench_units", "tool_units", "angle_units", "force_torque_swapped", "sensor_axes"}
 """Mistakes that readings at rest can show."""
 OF_TOOL = {"wrench_units", "tool_units"}
-"""Those that show only beside a tool that is stated."""
+"""Mistakes that can be found only if a tool is stated."""
 FEWEST, MOST = 17, 100
-"""Poses of a log."""
+"""Smallest and largest number of poses of a log."""
 
 
 def _gravity(rng):
-    """As on the floor, along another axis of the base, or in any direction: the arm may be mounted anywhere."""
+    """Random gravity: along -z, along any base axis, or in any direction, because the arm may be mounted anywhere."""
     kind = rng.integers(3)
     if kind == 0:
         return np.array([0.0, 0.0, -9.81])
@@ -35,7 +35,7 @@ def _gravity(rng):
 
 
 def mistakes_of(tables):
-    """Those of ``MISTAKES`` that readings at rest can show with this setup, and that change it."""
+    """Select those of ``MISTAKES`` that readings at rest can show with this setup, and that change the setup."""
     floor = tables["robot"]["gravity"]
     same = {"gravity up": [0.0, 0.0, 9.81], "gravity along x": [9.81, 0.0, 0.0]}
     return {
@@ -49,11 +49,11 @@ def mistakes_of(tables):
 
 
 def simulated(arm, seed):
-    """Tables and arrays of static poses whose setup is right, but for a tool that is known to a tenth.
+    """Simulate static poses; return tables and arrays, with a right setup except for a tool mass known to 10 %.
 
     Args:
         arm: one of ARMS.
-        seed: the same makes the same poses.
+        seed: seed of the poses; the same seed makes the same poses.
     """
     rng = np.random.default_rng([seed, list(ARMS).index(arm)])
     noise = float(rng.uniform(0.02, 0.2))

@@ -1,4 +1,4 @@
-"""Recorded logs as tables and arrays, so that the same mistakes can be made with them."""
+"""Recorded logs as tables and arrays, so that the same mistakes can be applied to them."""
 
 import os
 import tomllib
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def recorded_logs():
-    """(name, tables, arrays, what is to be found) of every recorded log with joints or poses; [] without any."""
+    """Return (name, tables, arrays, expected findings) of every recorded log with joints or poses; [] without any."""
     shared = os.environ.get("FTBIAS_SHARED")
     real = Path(shared) / "data" / "real" if shared else None
     if real is None or not real.is_dir():
@@ -34,7 +34,7 @@ def recorded_logs():
 
 
 def _kuka(path):
-    """Stamps, wrench and orientation of a CSV; NaN = not measured."""
+    """Read stamps, wrench and orientation from a CSV; NaN = not measured."""
     columns = np.genfromtxt(path, delimiter=",", names=True)
     wrench = np.stack([columns[name] for name in ("fx", "fy", "fz", "tx", "ty", "tz")], 1)
     matrix = np.stack([columns[f"r{i}{j}"] for i in "123" for j in "123"], 1).reshape(-1, 3, 3)

@@ -1,4 +1,4 @@
-"""How often the right mistake is named, and how often a right setup is suspected; simulated and recorded logs."""
+"""Detection rate of setup mistakes, and false alarms on right setups, on simulated and recorded logs."""
 
 import argparse
 import json
@@ -25,17 +25,17 @@ from recorded import recorded_logs  # noqa: E402
 from validation.generator.make import Limits, make_set  # noqa: E402
 
 SEEDS = 4
-"""Logs of each shape; five shapes make 20 logs."""
+"""Number of logs per shape; five shapes make 20 logs."""
 POSE_SEEDS = 10
-"""Static poses of each of five arms."""
+"""Number of sets of static poses per arm, for five arms."""
 SEED = 1126
-"""Of the first log of each kind; the check was made with others."""
+"""Seed of the first log of each kind; the check was developed with other seeds."""
 RIGHT = 200
-"""Logs whose setup is right but for effects."""
+"""Number of logs whose setup is right except for effects."""
 
 
 def check(tables, arrays):
-    """Names of what was found, and the seconds it took."""
+    """Check the setup of a log; return the names of the findings, and the processor time in s."""
     setup = ft.parse_setup(tables)
     log = ft.Log.from_arrays(setup, **{"q": None, **arrays})
     start = time.process_time()
@@ -44,7 +44,7 @@ def check(tables, arrays):
 
 
 def count(table, name, expected, found):
-    """One more log in a table of name -> [right, all, {what else was said: how often}]."""
+    """Count one more log in a table: name -> expected finding, right logs, all logs, {other findings: count}."""
     row = table.setdefault(name, {"expected": expected, "right": 0, "logs": 0, "instead": {}})
     row["logs"] += 1
     if (found[0] if found else "none") == expected:
@@ -55,7 +55,7 @@ def count(table, name, expected, found):
 
 
 def one_log(shape, number, seed):
-    """Every mistake on one log: (name, what is to be found, what is, seconds) of each."""
+    """Make every mistake with one log; return (name, expected finding, findings, seconds) of each."""
     rng = np.random.default_rng(1000 * number + seed)
     tables, arrays = logs.simulated(shape, 100 * number + seed)
     pose = logs.as_pose(tables, arrays, rng)
@@ -67,7 +67,7 @@ def one_log(shape, number, seed):
 
 
 def simulated_mistakes(seconds, jobs=1, first=SEED):
-    """Every mistake on 20 logs, so many of them at once."""
+    """Make every mistake with 20 logs, in ``jobs`` processes; return the table of counts."""
     table = {}
     tasks = [(shape, number, seed) for number, shape in enumerate(logs.SHAPES) for seed in range(first, first + SEEDS)]
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
@@ -82,7 +82,7 @@ def simulated_mistakes(seconds, jobs=1, first=SEED):
 
 
 def static_poses(seconds, first=SEED):
-    """Every mistake that readings at rest can show, of five arms; named first, or listed as what looks the same."""
+    """Make every mistake that readings at rest can show, on five arms; count those named first, or listed as alike."""
     table = {}
     for arm in poses.ARMS:
         for seed in range(first, first + POSE_SEEDS):
@@ -102,7 +102,7 @@ def static_poses(seconds, first=SEED):
 
 
 def checked_poses(tables, arrays):
-    """Findings of static poses, and the seconds it took."""
+    """Check static poses; return the findings, and the processor time in s."""
     setup = ft.parse_setup(tables)
     given = ft.Poses.from_arrays(setup, **arrays)
     start = time.process_time()
@@ -110,7 +110,7 @@ def checked_poses(tables, arrays):
 
 
 def right_setups(seconds, folders=(), seed=SEED):
-    """Logs by foreign physics with each effect of the catalogue, with others and with none: nothing is to be found."""
+    """Check right setups of MuJoCo logs with effects in or outside the catalogue, or none: nothing may be found."""
     if not folders:
         folders = [tempfile.mkdtemp()]
         make_set(Path(folders[0]), "all", RIGHT, seed, Limits((12.0, 25.0), (125.0, 200.0, 250.0, 400.0, 500.0), False))
@@ -128,7 +128,7 @@ def right_setups(seconds, folders=(), seed=SEED):
 
 
 def recorded(seconds):
-    """Recorded logs as they are, as published, and with every mistake; None where they are not there."""
+    """Check recorded logs as they are, as published, and with every mistake; None if there are no recorded logs."""
     found_logs = recorded_logs()
     if not found_logs:
         return None
@@ -152,7 +152,7 @@ def recorded(seconds):
     return {"as they are": as_they_are, "with mistakes": table}
 
 
-ON_POSES = [  # those that need no joints
+ON_POSES = [  # mistakes that need no joints
     name
     for name in mistakes.MISTAKES
     if not name.endswith("degrees") and "compensated" not in name and "joint" not in name and "base frame" not in name
@@ -160,11 +160,11 @@ ON_POSES = [  # those that need no joints
 
 
 def nothing(tables, arrays, rng):
-    """The setup is right."""
+    """Change nothing: the setup is right."""
 
 
 def total(table):
-    """Right and all."""
+    """Number of right findings, and number of logs."""
     return [sum(row["right"] for row in table.values()), sum(row["logs"] for row in table.values())]
 
 
@@ -199,7 +199,7 @@ def main():
             if name != "recorded":
                 result[f"{name}, right of all"] = total(result[name])
     print({key: value for key, value in result.items() if key.endswith("all") or key.startswith("seconds")})
-    known = json.loads(path.read_text())["result"] if path.exists() else {}  # parts may be made one by one
+    known = json.loads(path.read_text())["result"] if path.exists() else {}  # parts may be run separately
     keep(__file__, known | result)
 
 

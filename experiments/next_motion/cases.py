@@ -1,4 +1,4 @@
-"""Logs of any motion by MuJoCo, and what can be read off them: the tool, one effect, or which of two it is."""
+"""Logs of any motion, simulated by MuJoCo, and fits of one effect to them, also to compare two effects."""
 
 import sys
 import tomllib
@@ -29,19 +29,19 @@ DURATION, RATE = 20.0, 500.0
 
 
 def make_case(seed):
-    """A robot, sensor and tool as their owner believes them, with the arm on a table or not, and the setup."""
+    """Return a random nominal robot, sensor and tool, with the arm mounted on a table or not, and their setup."""
     belief = replace(random_belief(np.random.default_rng([seed, 0])), reports="wrench_on_tool")
     return belief, ft.parse_setup(tomllib.loads(setup_toml(belief)))
 
 
 def home_in(setup, belief):
-    """The pose amid the arm's range, which motions of the generator are around, and the setup with a travel there."""
+    """Return the setup with position limits within 1.5 rad of the home pose if it has none, and that pose (n,) rad."""
     limits = replace(setup.limits, position_lower=belief.arm.home - 1.5, position_upper=belief.arm.home + 1.5)
     return replace(setup, limits=limits if setup.robot.position_limits is None else setup.limits), belief.arm.home
 
 
 def wrong_tool(setup, belief):
-    """The setup of somebody who has the tool wrong, by a tenth of its mass, millimetres and a fifth of its inertia."""
+    """Return the setup with a wrong tool: mass 10 %, centre of mass 4 mm per axis and inertia 20 % too large."""
     tool = replace(
         setup.tool, mass=1.1 * belief.tool.mass, center_of_mass=belief.tool.com + 4e-3, inertia=1.2 * setup.tool.inertia
     )
@@ -49,7 +49,7 @@ def wrong_tool(setup, belief):
 
 
 def make_scene(belief, motion, seed):
-    """What the sensor would read of a motion, t (T,) -> q, dq, ddq (T, n), with a bias of its own."""
+    """Return the scene of a motion, t (T,) -> q, dq, ddq (T, n), with its nominal wrench and a random bias."""
     stamps, world, grid = np.arange(round(DURATION * RATE)) / RATE, nominal_world(belief), time_grid(DURATION)
     bias = bias_path(stamps, belief.bias_density, np.random.default_rng([seed, 1]))
     nominal = wrench(world, motion, grid)
@@ -57,49 +57,49 @@ def make_scene(belief, motion, seed):
 
 
 def make_log(setup, scene, effects, seed):
-    """The log that a user would have."""
+    """Record a scene with effects as a log that a user would have."""
     columns, _, _ = record(scene, effects, Timeline(None, True, 0), np.random.SeedSequence([seed, 2]))
     return ft.Log.from_arrays(setup, columns["t"], columns["q"], columns["wrench"], columns["dq"])
 
 
 def make_effect(name, form, level, scene, seed):
-    """An effect of the generator, of the same size for the same seed."""
+    """Return an effect of the generator; the same seed gives the same size."""
     return ENTRIES[name][0](form, Draw(np.random.default_rng([seed, 3]), level), scene)
 
 
 def of_plan(made):
-    """A planned motion as the generator takes motions."""
+    """Convert a planned motion into the function t (T,) -> q, dq, ddq that the generator takes."""
     return lambda t: tuple(made.at(t)[1:4])
 
 
 def fitted(setup, logs, name):
-    """The diagnosis's own fit of one effect, and the problem of the logs."""
+    """Fit one effect to logs as the diagnosis does; return the problem of the logs and the best fit."""
     problem, _ = make_problem(setup, logs)
     effect = problem.catalogue[name]
     smooth = isinstance(effect.fit.search, SMOOTH)
     if smooth:
         starts = [at_zero(name, movable(problem, effect))]
-    else:  # from several values of what decides its form
+    else:  # multiple starts over the parameters that determine the form of the effect
         starts = [at_values(problem, effect, **values) for values in starts_of(effect)]
     return problem, max((fit(problem, (start,), base(problem)) for start in starts), key=lambda f: f.log_likelihood)
 
 
 def starts_of(effect):
-    """Values of an effect's parameters to start a fit at: all combinations of those that its entry names.
+    """Starting values for a fit of an effect: all combinations of the ``starts`` of the parameters that a fit can move.
 
-    Of what no fit moves, such as the order of a filter, the usual one, as in a plan.
+    A parameter that no fit moves, such as the order of a filter, keeps its usual value, as in a plan.
     """
     names = [parameter.name for parameter in effect.parameters if parameter.starts and can_move(parameter).any()]
     return [dict(zip(names, some, strict=True)) for some in product(*(effect.parameter(n).starts for n in names))]
 
 
 def values_of(problem, found, name):
-    """What a fit says of an effect, in the units of the catalogue."""
+    """Return the fitted parameters of an effect, in the units of the catalogue."""
     told = chain_model.to_values(problem.parts[0].signals, jnp.asarray(found.z), catalogue=problem.catalogue)
     return {key: np.asarray(value) for key, value in told[name].items()}
 
 
 def held_out_nats(problem, found):
-    """Log-likelihood, in nats up to a constant, of another log at the numbers of a fit."""
+    """Log-likelihood of another log at the fitted parameters, in nats up to a constant."""
     error = whitened(problem, readings(problem, found.z[None]) - np.nan_to_num(measured(problem))[None])[0]
     return -float((error**2).sum()) / 2

@@ -1,4 +1,4 @@
-"""The motions that are compared: planned, standard, random, and by the condition number of the regressor."""
+"""The motions that are compared: planned, standard, random, and one of least condition number of the regressor."""
 
 import jax
 import jax.numpy as jnp
@@ -58,12 +58,12 @@ def all_motions(setup, home, span, seed, only=()):
 
 
 def fourier(home, coefficients):
-    """A Fourier motion as the generator takes motions."""
+    """Convert Fourier coefficients into the function t (T,) -> q, dq, ddq that the generator takes."""
     return lambda t: tuple(motion_at(np.asarray(t), DURATION, home, coefficients)[1:4])
 
 
 def scaled(home, motion, scale):
-    """A motion whose excursions from a pose are so many times as large, (n,)."""
+    """Return a motion with its excursions from the home pose multiplied by ``scale`` (n,)."""
 
     def larger(t):
         q, *rates = motion(t)
@@ -73,35 +73,35 @@ def scaled(home, motion, scale):
 
 
 def numpy_of(motion):
-    """The same with arrays of numpy."""
+    """Return the motion with NumPy arrays as output."""
     return lambda t: tuple(np.asarray(x) for x in motion(t))
 
 
 def with_jerk(motion):
-    """At 1 kHz, the jerk by differences."""
+    """Sample a motion at 1 kHz, with the jerk by finite differences."""
     t = times(DURATION)
     q, dq, ddq = motion(t)
     return Motion(t, q, dq, ddq, np.gradient(ddq, t, axis=0))
 
 
 def share(setup, home, motion):
-    """The largest share of a joint's stated travel, speed, acceleration or jerk."""
+    """Largest share of a joint's stated range, speed, acceleration or jerk that a motion uses."""
     return float(shares(limits_of(setup, home, 0.0)[0], home, motion).max())
 
 
 def largest_scale(limits, home, motion):
-    """(n,) by which each joint's excursions may be multiplied; moves start elsewhere, so their travel is shifted."""
+    """Factors (n,) by which joint excursions may be multiplied; moves start elsewhere, so their range is shifted."""
     return (1 - 1e-9) / shares(limits, home, with_jerk(motion)).max(0)
 
 
 def at_limits(task, free):
-    """Coefficients within the limits, of any numbers."""
+    """Map unconstrained numbers to Fourier coefficients within the limits."""
     return np.asarray(within(task.points, task.limits, task.start, jnp.asarray(free))[0])
 
 
 def errors(task, coefficients):
-    """(10,) expected standard errors."""
-    told = climb.told_by(task, coefficients, NAMES, ft.CATALOGUE)
+    """Expected standard errors (10,) of the tool's parameters for a Fourier motion."""
+    told = climb.information_of(task, coefficients, NAMES, ft.CATALOGUE)
     return np.sqrt(np.diag(np.linalg.inv(told)))
 
 
@@ -111,7 +111,7 @@ def _products(task, moved):
 
 
 def errors_of(task, motion):
-    """(10,) expected standard errors of a motion that is no Fourier series, on the same bins."""
+    """Expected standard errors (10,) for a motion that is no Fourier series, on the same frequency bins."""
     q, dq, ddq = motion(np.asarray(task.points.t))
     told = _products(task, jnp.stack([q - task.start, dq, ddq, 0 * q]))
     return np.sqrt(np.diag(np.linalg.inv(np.asarray(told))))
@@ -119,7 +119,7 @@ def errors_of(task, motion):
 
 @jax.jit
 def _climb_condition(state, task, rates):
-    """Steps of Adam on the logarithm of the condition number of the regressor of ten parameters and a constant bias."""
+    """Minimise the log condition number of the regressor of ten parameters and a constant bias by steps of Adam."""
 
     def loss(free):
         _, moved = within(task.points, task.limits, task.start, free)
@@ -141,7 +141,7 @@ def _climb_condition(state, task, rates):
 
 
 def by_condition(task, seed):
-    """What minimises the condition number (Swevers et al. 1997; FIGAROH), from two of the same starts."""
+    """Minimiser of the condition number (Swevers et al. 1997; FIGAROH), from the first two of the planner's starts."""
     best, least = None, np.inf
     for free in random_shapes(seed, STARTS, len(task.start), (task.points.basis.shape[2] - 1) // 2)[:2]:
         state = (jnp.asarray(free), optax.scale_by_adam().init(jnp.asarray(free)))

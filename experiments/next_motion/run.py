@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What planned motions tell, on logs by MuJoCo: python run.py [times|forecast|motions|twins ...]; all by default."""
+"""Benefit of planned motions, on MuJoCo logs: python run.py [times|forecast|motions|twins ...]; all by default."""
 
 import argparse
 import json
@@ -36,13 +36,13 @@ import ftbias_jax as ft
 from ftbias_jax.errors import UsageError
 
 TOOLS, EFFECTS = 30, ("gain", "tool_com", "gravity_tilt", "encoder_offset", "time_delay", "tool_mass")
-"""Cases of the forecast: the tool, and as many over these effects."""
+"""Number of forecast cases of the tool, and the effects that share as many further cases."""
 FORMS = {"tool_mass": "point_at_com", "mount_rotation": "sensor_and_tool"}
-"""Of the generator, where it is not the first of the effect."""
+"""The generator's form of an effect, where it is not the first one of the effect."""
 TRUE = {"gain": "gain", "tool_com": "com", "gravity_tilt": "gravity", "time_delay": "delay", "tool_mass": "mass"}
-"""How the generator calls the parameter of an effect."""
+"""Name of the effect -> name of its parameter in the generator."""
 REPEATS, ARMS = 3, 6
-"""Logs of each motion, and robots that it is tried on."""
+"""Number of logs per motion, and number of robots."""
 TWINS = (
     ("time_delay", "low_pass"),
     ("low_pass", "time_delay"),
@@ -57,19 +57,18 @@ TWINS = (
     ("tool_com", "gain"),
     ("tool_com", "crosstalk"),
 )
-"""The true cause, and what it is taken for, by twins of the catalogue that a motion can separate."""
+"""True cause and the effect it may be confused with: twins of the catalogue that a motion can separate."""
 WANTED, SEEDS = 20, 13
-"""Cases that the standard motion leaves as twins, and robots that are tried for each pair."""
+"""Number of cases wanted that the standard motion leaves as twins, and largest number of robots tried per pair."""
 FIVE_SIGMA = 12.5
 
 
 def form_of(name):
-    """How the generator makes an effect."""
     return FORMS.get(name, ENTRIES[name][1][0])
 
 
 def forecast_case(seed):
-    """Errors of what is identified over the standard errors that the plan expected."""
+    """Errors of the identified values in units of the standard errors that the plan predicted, for one case."""
     name = "tool" if seed < TOOLS else EFFECTS[seed % len(EFFECTS)]
     belief, setup = make_case(seed)
     setup, home = home_in(setup, belief)
@@ -106,7 +105,7 @@ def forecast_case(seed):
 
 
 def forecasts(count):
-    """Over all cases: the standard deviation of the errors in units of the forecast."""
+    """Standard deviation over all cases of the errors in units of the predicted standard errors."""
     cases = []
     for seed in range(count):
         began = time.monotonic()
@@ -136,7 +135,7 @@ def forecasts(count):
 
 
 def motions_case(seed):
-    """Of every motion: standard errors expected, errors of identified tools, and of the bias at the end."""
+    """Expected standard errors, errors of the identified tool and errors of the final bias of every motion."""
     belief, setup = make_case(100 + seed)
     setup, home = home_in(setup, belief)
     wrong = wrong_tool(setup, belief)
@@ -157,7 +156,7 @@ def motions_case(seed):
 
 
 def motions():
-    """Geometric means over the ten parameters and the robots, as multiples of the planned motion's."""
+    """Geometric means over the ten parameters and the robots, as multiples of those of the planned motion."""
     cases = [motions_case(seed) for seed in range(ARMS)]
     names = cases[0][1]
 
@@ -174,10 +173,7 @@ def motions():
 
 
 def separated(setup, belief, motion, pair, seed):
-    """nats by which a held-out log is likelier with the true cause than with its twin and with none, and the fits.
-
-    Both are fitted to another log.
-    """
+    """nats gained on a held-out log by the true cause over its twin and over none, and the values fitted elsewhere."""
     scenes = [make_scene(belief, motion, noise) for noise in (seed, seed + 500)]
     effect = make_effect(pair[0], form_of(pair[0]), 0, scenes[0], seed)
     log, unseen = (
@@ -191,13 +187,13 @@ def separated(setup, belief, motion, pair, seed):
 
 
 def twins_case(pair, seed):
-    """nats after the standard motion, and after and as expected of the one planned for what its log shows of both."""
+    """nats between twins after the standard motion, after the one planned from that log's fits, and as predicted."""
     belief, setup = make_case(200 + seed)
     setup, home = home_in(setup, belief)
     standard = all_motions(setup, home, belief.arm.span, seed, only=("moves",))["moves"][0]
     before, seen, values = separated(setup, belief, standard, pair, seed)
     if before >= FIVE_SIGMA or seen < FIVE_SIGMA:
-        return before, None, None  # no twins, or no gap that has a cause
+        return before, None, None  # not twins, or the gap is too small to name any cause
     try:
         made = ft.plan(setup, ":".join(pair), duration=DURATION, rate=RATE, start=home, seed=seed, values=values)
     except UsageError as error:
@@ -207,7 +203,7 @@ def twins_case(pair, seed):
 
 
 def twins():
-    """How many of the cases that the standard motion leaves as twins the planned motion separates."""
+    """Count how many of the cases that the standard motion leaves as twins are separated by the planned motion."""
     rows, found = [], 0
     for seed in range(SEEDS):
         for pair in TWINS:
@@ -228,7 +224,7 @@ def twins():
 
 
 def plain(x):
-    """Numbers for a small file."""
+    """Round all numbers of a nested structure for a small JSON file."""
     if isinstance(x, dict):
         return {key: plain(value) for key, value in x.items()}
     if isinstance(x, (list, tuple)):
@@ -248,7 +244,7 @@ QUESTIONS = (
 
 
 def times():
-    """s by the clock of ``ftbias plan`` of 20 s for the demonstration's Panda: nothing compiled yet, and again."""
+    """Wall time (s) of ``ftbias plan`` of 20 s for the demonstration's Panda, with an empty cache and again."""
     rows = {}
     with TemporaryDirectory() as folder:
         run = partial(subprocess.run, cwd=folder, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

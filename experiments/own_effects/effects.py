@@ -1,4 +1,4 @@
-"""Five effects that are not in the catalogue, written as the how-to page says."""
+"""Five effects that are not in the catalogue, written as the how-to page describes."""
 
 import itertools
 
@@ -16,7 +16,7 @@ def drag(values, signals, wrench):
 
 def pull(values, signals, wrench):
     away = values["place"] - signals.path.position
-    squared = (away**2).sum(1, keepdims=True) + 1e-4  # a magnet is no point
+    squared = (away**2).sum(1, keepdims=True) + 1e-4  # keeps the force finite, because a magnet is not a point
     return wrench + signals.push(values["strength"] * away / squared**1.5)
 
 

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Own effects that begin, last a while or act in one place, and whether the diagnosis finds them: python events.py.
+"""User effects limited to a time interval or a region, and whether the diagnosis finds them: python events.py.
 
-Three entries as the how-to page says, with nothing stated but units and bounds; logs of three robots, of random size,
-time, length and place. Each log is diagnosed with all three entries; the last logs have none of them.
+Three entries as the how-to page describes, with only units and bounds stated; logs of three robots with effects of
+random size, time, duration and place. Each log is diagnosed with all three entries; the last logs have no effect.
 """
 
 import argparse
@@ -20,11 +20,11 @@ import ftbias_jax as ft
 HERE = Path(__file__).parent
 ROBOTS, MOTIONS = ("panda", "ur10e", "iiwa14"), ("sines", "moves")
 RATE, DURATION, SOFT = 125.0, 40.0, 0.05
-"""Hz, s; s within which an event sets in."""
+"""Hz; s; s, time constant of the onset of an event."""
 
 
 def on(values, signals):
-    """(T, 1) share of an event's strength."""
+    """Share (T, 1) of an event's full strength."""
     ends = values["begin"] + values["length"]
     rises, falls = (signals.t - values["begin"]) / SOFT, (ends - signals.t) / SOFT
     return (jax.nn.sigmoid(rises) * jax.nn.sigmoid(falls))[:, None]
@@ -42,7 +42,7 @@ def drag(values, signals, wrench):
 
 def grip(values, signals, wrench):
     begun = jax.nn.sigmoid((signals.t - values["begin"]) / SOFT)[:, None]
-    held = signals.model.gravity - signals.path.acceleration  # of the sensor: the part is small, and near
+    held = signals.model.gravity - signals.path.acceleration  # at the sensor, because the part is small and near
     return wrench + signals.push(begun * values["mass"] * held, values["place"])
 
 
@@ -88,7 +88,7 @@ EFFECTS = (
 
 
 def random_values(rng, name, positions):
-    """Parameters of an effect; positions: (T, 3) m, that the sensor passes."""
+    """Random parameters of an effect; positions: (T, 3) m, the path of the sensor."""
     direction = rng.normal(size=3)
     return {
         "press": {
@@ -110,7 +110,7 @@ def random_values(rng, name, positions):
 
 
 def one(name, seed):
-    """A log with the effect, or without any, and what the diagnosis says of it."""
+    """Simulate a log with the effect, or without any, and return its diagnosis as a row."""
     rng = np.random.default_rng(seed)
     robot, motion = ROBOTS[seed % 3], MOTIONS[seed // 3 % 2]
     setup = random_setup(rng, robot)
@@ -129,7 +129,7 @@ def one(name, seed):
 
 
 def table(rows):
-    """How often each effect is named first, and the largest errors of its times, s."""
+    """Count how often each effect is named first, with the largest error of its times, s."""
     found = {}
     for name in dict.fromkeys(row["true"] for row in rows):
         own = [row for row in rows if row["true"] == name]

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Every entry of the catalogue deleted and handed in by a user's file: the same diagnosis? python handed_in.py.
+"""Is the diagnosis the same if a catalogue entry is loaded from a user's file instead? python handed_in.py.
 
-One log each, with the effect at a few times its typical size; diagnosed with the built-in entry, then with the entry
-deleted from the catalogue and loaded from a file.
+One log per entry, with the effect at a few times its typical size, is diagnosed with the built-in entry, and again with
+the entry deleted from the catalogue and loaded from a file.
 """
 
 import argparse
@@ -23,7 +23,7 @@ from ftbias_jax.model.params import params_from_setup
 jax.config.update("jax_enable_x64", True)
 HERE = Path(__file__).parent
 TIMES = 3.0
-"""Typical sizes."""
+"""Size of the simulated effects, in typical departures from neutral."""
 GIVEN = {
     "contact": {"force": [[6.0, -3.0, 4.0]], "start": [8.0], "end": [9.5]},
     "encoder_offset": {"joint": 2, "offset": 0.02},
@@ -43,7 +43,7 @@ GIVEN = {
     "outliers": {"rate": 0.01},
     "dropped_samples": {},
 }
-"""What a few times the typical departure is nothing to go by; {} = typical values."""
+"""Values for effects whose typical departure cannot be scaled; {} = typical values."""
 FILE = """
 from ftbias_jax.model.effects import bias, environment, kinematics, sampling, sensor, tool
 
@@ -56,7 +56,7 @@ EFFECTS = [entry for entry in ENTRIES if entry.name == {name!r}]
 
 
 def sizes(setup, name):
-    """What ``simulate`` is told of an effect."""
+    """Return the parameters with which ``simulate`` makes an effect."""
     effect = ft.CATALOGUE[name]
     params = params_from_setup(setup)
     model = Model(params.arm, params.gravity, params.theta)
@@ -67,8 +67,8 @@ def sizes(setup, name):
     return {key: np.asarray(neutral[key] + TIMES * (value - neutral[key])).tolist() for key, value in typical.items()}
 
 
-def told(found):
-    """What the two diagnoses are compared by."""
+def compared_fields(found):
+    """Return those parts of a diagnosis that are compared."""
     return {
         "verdict": found.verdict,
         "causes": [cause.effect for cause in found.causes],
@@ -79,7 +79,7 @@ def told(found):
 
 
 def apart(first, second):
-    """Largest difference of a parameter between the causes of two diagnoses, in standard errors; None = other names."""
+    """Largest parameter difference between two diagnoses, in standard errors; None = different causes or shapes."""
     largest = 0.0
     for one, other in zip(first.causes, second.causes, strict=False):
         if one.effect != other.effect:
@@ -93,7 +93,7 @@ def apart(first, second):
 
 
 def one(name, seed):
-    """An entry built in, and handed in."""
+    """Compare the diagnoses of one log with an entry built in and loaded from a file."""
     start = time.process_time()
     setup = random_setup(np.random.default_rng(seed))
     log = ft.simulate(setup, {name: sizes(setup, name)}, duration=DURATION, rate=RATE, seed=seed).log
@@ -102,14 +102,14 @@ def one(name, seed):
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "my_effect.py")
         file.write_text(FILE.format(name=name))
-        # The order of the entries is the order in which they act: restored with the table.
+        # The whole table is restored, because the order of the entries is the order in which they act.
         ft.CATALOGUE._entries = {other: entry for other, entry in every.items() if other != name}
         try:
             own = ft.load_effects(file)
             handed_in = ft.diagnose(setup, [log], effects=own)
         finally:
             ft.CATALOGUE._entries = every
-    first, second = told(built_in), told(handed_in)
+    first, second = compared_fields(built_in), compared_fields(handed_in)
     same = {key: value for key, value in first.items() if key != "shrink"} == {
         key: value for key, value in second.items() if key != "shrink"
     }

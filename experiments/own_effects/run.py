@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Logs with effects of a user file, by formulas of their own, and whether the diagnosis names them: python run.py.
+"""Does the diagnosis name effects of a user file, in logs from independent formulas? python run.py.
 
-The effect is added to simulated logs by NumPy alone: pose by products of matrices, velocities as differences.
+The effect is added to simulated logs in plain NumPy: poses as matrix products, velocities as finite differences.
 """
 
 import argparse
@@ -22,7 +22,7 @@ RATE, DURATION = 125.0, 20.0
 
 
 def poses(setup, q):
-    """R (T, 3, 3) and p (T, 3) m of the sensor: the exponential of one screw after the other."""
+    """Rotation R (T, 3, 3) and position p (T, 3) m of the sensor, as a product of exponentials of the screw axes."""
     robot, sensor = setup.robot, setup.sensor
     R, p = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
     for screw, angle in zip(robot.screws, q.T, strict=True):
@@ -37,19 +37,19 @@ def poses(setup, q):
 
 
 def turning(R, t):
-    """(T, 3) rad/s, sensor axes: the skew part of R^T dR/dt."""
+    """Angular velocity (T, 3) rad/s, sensor axes: the skew part of R^T dR/dt."""
     S = np.einsum("tji,tjk->tik", R, np.gradient(R, t, axis=0))
     return np.stack([S[:, 2, 1] - S[:, 1, 2], S[:, 0, 2] - S[:, 2, 0], S[:, 1, 0] - S[:, 0, 1]], 1) / 2
 
 
 def pushed(R, force, point):
-    """(T, 6) change of the reading by a force on the tool, base axes, at a point of the sensor frame."""
+    """Change (T, 6) of the reading by a force on the tool, base axes, applied at a point of the sensor frame."""
     force = np.einsum("tji,tj->ti", R, force)
     return -np.hstack([force, np.cross(np.broadcast_to(point, force.shape), force)])
 
 
 def changes(rng, setup, truth):
-    """effect -> (parameters, change of the reading (T, 6)), each of random size."""
+    """Name of the effect -> (parameters, change of the reading (T, 6)), each of random size."""
     R, p = poses(setup, truth.q)
     velocity, t = np.gradient(p, truth.t, axis=0), truth.t
     drag = {"coefficient": rng.uniform(1, 5), "point": rng.uniform(-0.05, 0.1, 3)}
@@ -81,7 +81,7 @@ def changes(rng, setup, truth):
 
 
 def one(effects, name, seed):
-    """A log with the effect, or without any, and what the diagnosis says of it."""
+    """Simulate a log with the effect, or without any, and return its diagnosis as a row."""
     rng = np.random.default_rng(seed)
     setup = random_setup(rng)
     motion = ("sines", "moves")[seed % 2]
@@ -101,7 +101,7 @@ def one(effects, name, seed):
     }
     named = next((cause for cause in found.causes if cause.effect == name), None)
     if named is not None:
-        # Of the standard errors, none is less than what floating-point numbers resolve.
+        # Standard errors have a lower bound, because floating-point numbers resolve no less.
         errors = {key: np.ravel(np.asarray(named.parameters[key]) - true[key]) for key in true}
         sigmas = {key: errors[key] / np.maximum(np.ravel(named.stderr[key]), 1e-9) for key in true}
         row["sigmas"] = {key: np.round(value, 2).tolist() for key, value in sigmas.items()}
@@ -109,7 +109,7 @@ def one(effects, name, seed):
 
 
 def table(rows):
-    """How often each effect is named first, and how many parameters are within three standard errors."""
+    """Count how often each effect is named first, and how many parameters are within three standard errors."""
     found = {}
     for name in dict.fromkeys(row["true"] for row in rows):
         own = [row for row in rows if row["true"] == name]

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Parts that are gripped and put down: when, how heavy, and is the bias right meanwhile? python run.py [--count 40].
+"""Diagnosis of parts that are gripped and put down: time, mass, and bias meanwhile. python run.py [--count 40].
 
 MuJoCo moves a hand with two fingers, which close on a part of 0.05 to 2 kg while the arm is at rest, carry it by
-friction and let it go, up to three times, or keep it. The log is diagnosed, what was found is applied to the setup, and
+friction and release it, up to three times, or keep it. The log is diagnosed, the findings are applied to the setup, and
 the same log is filtered with it.
 """
 
@@ -25,15 +25,15 @@ from validation.generator.recording import Timeline, random_scene
 from validation.generator.world import tool_path
 
 LIGHTEST, HEAVIEST = 0.05, 2.0
-"""kg."""
+"""kg: range of the mass of the part."""
 SETTLED = 5.0
-"""s after which a bias counts: before, its prior is what the filter knows."""
+"""s after which the bias is evaluated; earlier, the prior dominates the estimate."""
 NEAR = (-0.3, -0.1, 0.0, 0.1, 0.3, 1.0)
-"""s from when the weight goes over, at which a bias counts once more."""
+"""s relative to each grip or release at which the bias is evaluated separately."""
 
 
 def random_gripper(scene, rng):
-    """A hand at the end of the tool, strong enough for the part in this motion by a factor of 1.5 to 3."""
+    """Random hand at the end of the tool, with 1.5 to 3 times the grip force that the part needs in this motion."""
     half = rng.uniform([0.005, 0.015, 0.015], [0.02, 0.03, 0.04])
     mass = float(np.exp(rng.uniform(*np.log([LIGHTEST, HEAVIEST]))))
     part = Part(mass, half, rng.uniform(-0.25, 0.25, 3) * half)
@@ -46,7 +46,7 @@ def random_gripper(scene, rng):
 
 
 def random_handovers(scene, gripper, form, rng):
-    """Gripped once for good, or taken up and put down one to three times, wherever the arm rests long enough."""
+    """Random handovers while the arm rests long enough: one final grip, or one to three pairs of grip and release."""
     takes = rng.uniform(0.01, 0.15)
     low, high = (0.25, 0.75) if form == "once" else (0.05, 0.95)
     rests = [(a, b) for a, b in at_rest(scene) if b - a > gripper.closes + takes + 0.2]
@@ -61,7 +61,7 @@ def random_handovers(scene, gripper, form, rng):
 
 
 def recorded(seed, folder):
-    """Write a log and its setup; what was gripped, and the true bias (T, 6) at the stamps (T,) of the wrench."""
+    """Write a log and its setup; return label, gripped part, and the true bias (T, 6) at stamps (T,) of the wrench."""
     seeds = np.random.SeedSequence([seed, 30]).spawn(7)
     rng = np.random.default_rng(seeds[0])
     motion = str(rng.choice(["moves", "trapezoids"]))
@@ -84,7 +84,7 @@ def recorded(seed, folder):
 
 
 def one(seed):
-    """One log: what was told of it, against the truth."""
+    """Simulate and diagnose one log, and compare the findings with the truth."""
     with tempfile.TemporaryDirectory() as folder:
         label, part, (stamps, bias) = recorded(seed, Path(folder))
         setup = ft.load_setup(Path(folder) / "log.toml")
@@ -125,7 +125,7 @@ def one(seed):
 
 
 def inside(result, stamps, bias, times):
-    """Share of the bias within three of its standard deviations at given times (s), and the largest miss in these."""
+    """Share of the bias within 3 standard deviations at given times (s), and its largest error in these units."""
     at = np.searchsorted(result.t + result.start, times)
     true = np.stack([np.interp(result.t[at] + result.start, stamps, one) for one in bias.T], 1)
     miss = np.abs(result.bias[at] - true) / result.bias_std[at]
@@ -133,7 +133,6 @@ def inside(result, stamps, bias, times):
 
 
 def table(rows):
-    """What is told of all logs."""
     named = [row for row in rows if "mass_sigmas" in row]
     return {
         "logs": len(rows),

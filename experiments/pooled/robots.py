@@ -1,4 +1,4 @@
-"""One robot's logs over sixty days, by physics that are not the package's; on one of the days something begins."""
+"""One robot's logs over sixty days, simulated by MuJoCo instead of the package; an effect begins on one of the days."""
 
 import sys
 import tomllib
@@ -19,35 +19,35 @@ from validation.generator.recording import Timeline, gap_rms, in_sigmas, record
 from validation.generator.world import nominal_world, time_grid, wrench
 
 DAYS, DURATION, RATE = 60, 12.0, 250.0
-"""A log a day, s, Hz."""
+"""Number of days with one log each; s and Hz of a log."""
 FIRST = 1_767_600_000.0
 """s since 1970, 2026-01-05."""
 AGEING = {"gain": "scattered", "mount_rotation": "sensor_and_tool", "crosstalk": "sparse"}
-"""What gets worse from a day on, and the form that the generator has of it."""
+"""Effects that grow from a day on -> the form that the generator makes of them."""
 REFITS = {"cable": "forearm", "tool_mass": "point_at_com", "tool_com": "any_direction", "encoder_offset": "constant"}
-"""What is there all at once."""
+"""Effects that begin at full size -> the form that the generator makes of them."""
 LARGEST_GAP = (0.15, 1.0)
-"""Noise sigmas, of the last day: a single log shows the larger ones alone."""
+"""Range of the gap on the last day, in noise sigmas; a single log is enough to show the larger gaps."""
 BY_DAY = 0.15
-"""Standard deviation of the share that varies by day."""
+"""Standard deviation of the relative variation of the effect by day."""
 
 
 class History(NamedTuple):
-    """One robot's logs, and what was done to them."""
+    """One robot's logs, and the effect that they contain."""
 
     setup: ft.Setup
     logs: list
     cause: str
     """"" = healthy."""
     day: int
-    """The first with the cause."""
+    """First day with the cause."""
     grows: bool
     gap: float
-    """Noise sigmas, on the last day."""
+    """Gap on the last day, in noise sigmas."""
 
 
 def history(seed, healthy):
-    """Sixty logs of one robot."""
+    """Simulate sixty logs of one robot."""
     rng = np.random.default_rng([seed, 0])
     belief = replace(random_belief(rng), reports="wrench_on_tool")
     setup = ft.parse_setup(tomllib.loads(setup_toml(belief)))
@@ -72,7 +72,7 @@ def history(seed, healthy):
 
 
 def _scene(belief, world, grid, seed, day):
-    """A motion and a bias of the day."""
+    """Random motion and bias of a day."""
     rng = np.random.default_rng([seed, 1, day])
     kind, stamps = str(rng.choice(["sines", "moves", "trapezoids"])), np.arange(round(DURATION * RATE)) / RATE
     motion = random_motion(kind, belief.arm, DURATION, rng.uniform(0.7, 1.4), rng)
@@ -88,7 +88,7 @@ def _effect(name, scene, seed, scale):
 
 
 def _scale(name, scene, seed, wanted):
-    """By which the drawn effect makes a gap of so many noise sigmas."""
+    """Scale with which the drawn effect makes the wanted gap, in noise sigmas."""
     scale = 1.0
     for _ in range(4):
         gap = in_sigmas(scene, gap_rms(scene, [_effect(name, scene, seed, scale)]))

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Sixty days of sixty robots, half of which get something: is it named, on which day, and who is first to see it?
+"""Sixty days of sixty robots, half with a cause: is it named, dated, and found earlier from pooled than single logs?
 
-python run.py [--robots 30] [--seed 0] [--compared 5]. Logs are by MuJoCo (``experiments/validation``). Each robot's
-logs are diagnosed together (``ft.diagnose_pooled``); of some robots also day by day, as far as they were recorded, both
-together and log by log, where an alarm is what ``ftbias report`` takes for one.
+python run.py [--robots 30] [--seed 0] [--compared 5]. Logs are simulated by MuJoCo (``experiments/validation``). Each
+robot's logs are diagnosed together (``ft.diagnose_pooled``). Those of some robots are also diagnosed day by day, both
+with all earlier ones and one by one, where an alarm is defined as in ``ftbias report``.
 """
 
 import argparse
@@ -23,23 +23,23 @@ sys.path.append(str(Path(__file__).parents[1]))
 HEALTHY = 1000
 """Added to the seeds of healthy robots."""
 LATER = (1, 2, 3, 5, 8, 12, 17, 23, 30, 38, 48)
-"""Days after the first with the cause, on which all logs so far are diagnosed together."""
+"""Days after the first one with the cause on which all logs so far are diagnosed together."""
 
 
 def together(made, last=DAYS):
-    """What the logs of the first so many days show together: verdict, names with their twins, courses."""
+    """Pooled diagnosis of the first ``last`` days: verdict, causes with their twins, time courses."""
     found = ft.diagnose_pooled(made.setup, made.logs[:last])
     causes = [(cause.effect, *cause.indistinguishable_from) for cause in found.causes]
     return found.verdict, causes, found.courses
 
 
 def day_of(date):
-    """Number of the day of a date."""
+    """Index of the day of a date in s since 1970."""
     return round((date - FIRST) / 86400)
 
 
 def one(seed, healthy):
-    """A robot, and what its logs show together."""
+    """Simulate a robot; return its history, and the pooled diagnosis of its logs as a row."""
     made, began = history(seed, healthy), time.process_time()
     verdict, causes, courses = together(made)
     row = {
@@ -60,7 +60,7 @@ def one(seed, healthy):
 
 
 def compared(made):
-    """Days after the first one with the cause until logs together, and until logs one by one, raise an alarm."""
+    """Days from the first one with the cause until an alarm, by pooled diagnosis and by diagnosis log by log."""
     found = {"together": None, "one by one": None}
     for later in (days for days in LATER if made.day + days < DAYS):
         _, causes, courses = together(made, made.day + later + 1)
@@ -81,17 +81,17 @@ def compared(made):
 
 
 def is_named(row):
-    """Whether the cause is named first, or a twin of it that the diagnosis declares."""
+    """Whether the cause is the first one named, or a declared twin of it."""
     return bool(row["causes"]) and row["cause"] in row["causes"][0]
 
 
 def course_in(row):
-    """The course of what was named first."""
+    """Time course of the cause that was named first."""
     return row.get(row["causes"][0][0]) if row["causes"] else None
 
 
 def table(rows):
-    """How many are named, and how far off the days are."""
+    """Numbers of causes named, errors of their first days, and false alarms."""
     sick, well = ([row for row in rows if bool(row["cause"]) == there] for there in (True, False))
     named = [row for row in sick if is_named(row) and course_in(row)]
     off = np.array([course_in(row)["day"] - row["day"] for row in named])

@@ -1,4 +1,4 @@
-"""`ftbias calibrate` on recorded logs: from a draft, and from tools that are wrong, tested on what follows.
+"""`ftbias calibrate` on recorded logs, from a draft and from wrong tools, tested on unseen parts or logs.
 
 FTBIAS_SHARED=FOLDER python experiments/real_logs/calibrate.py writes calibrate.json beside this script.
 """
@@ -21,9 +21,9 @@ from ftbias_jax.io.draft.draft import Request
 
 HERE = Path(__file__).parent
 FIT = 100.0
-"""s at the start of the log of the Axia80; the rest is the test."""
+"""s at the start of the log of the Axia80 to calibrate on; the rest is the test."""
 MASSES = (None, 0.9, 1.0, 1.3)
-"""kg of the tool to start from; None = as drafted."""
+"""kg: masses of the tool to start from; None = as drafted."""
 TARE = "tare of the first 0.5 s"
 
 
@@ -38,14 +38,14 @@ def main():
 
 
 def axia(real, folder):
-    """From the raw table with a header; the tool of the draft, and others in its place."""
+    """Calibrate on the raw table with a header, from the tool of the draft and from other masses."""
     first, rest = cut(real / "axia80" / "motion.csv", folder)
     setup = checked_draft(Request(logs=[str(first)])).setup
     return {name(mass): road(with_mass(setup, mass), [first], rest) for mass in MASSES}
 
 
 def panda(real):
-    """Each of two logs tested with the setup that is calibrated on the other, from a tool of 1 kg, as is stated."""
+    """Test each of two logs with the setup calibrated on the other, from the stated tool of 1 kg."""
     folder = real / "panda_optoforce"
     setup = ft.load_setup(folder / "setup.toml")
     logs = [folder / f"log_{i}.npz" for i in (1, 2)]
@@ -76,7 +76,7 @@ def with_mass(setup, mass):
 
 
 def road(setup, paths, test):
-    """Calibrate on some logs, with the bias at their end, and predict another one."""
+    """Calibrate on some logs, with the bias at their end, and score predictions on another log."""
     begin = time.perf_counter()
     found = ft.calibrate(setup, [ft.read_log(path, setup, raw=True) for path in paths], bias=True)
     seconds = time.perf_counter() - begin

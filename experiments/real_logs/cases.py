@@ -1,4 +1,4 @@
-"""The recorded logs: where they are, and the tool of those whose setup has none that was measured."""
+"""The recorded logs: where they are, and a least-squares tool for setups without a measured one."""
 
 import os
 from dataclasses import replace
@@ -14,24 +14,24 @@ from ftbias_jax.model.wrench.tool_wrench import motion_and_wrench, tool_paramete
 
 KUKA_RUNS = ("base", "vib", "contact")
 ROUNDS = 5
-"""The torque of the inertia depends on the centre of mass a little: least squares is repeated."""
+"""Repetitions of least squares, because the torque of the inertia depends slightly on the centre of mass."""
 
 
 def folder():
-    """Where the recorded logs are, or None."""
+    """Folder of the recorded logs, or None if it is missing."""
     shared = os.environ.get("FTBIAS_SHARED")
     real = Path(shared) / "data" / "real" if shared else None
     return real if real and real.is_dir() else None
 
 
 def kuka(real, run, motion="orientation_only"):
-    """The setup and one of KUKA_RUNS; with motion "specific_force" the accelerometer is used, too."""
+    """Setup and log of one of KUKA_RUNS; with motion "specific_force" the accelerometer is used, too."""
     setup = ft.load_setup(real / "kuka_ati" / f"{motion}.toml")
     return setup, ft.read_log(real / "kuka_ati" / f"merged_{run}.csv", setup)
 
 
 def panda(real, number):
-    """The setup, whose tool is a guess, and a log."""
+    """Setup, whose tool is a guess, and one log."""
     setup = ft.load_setup(real / "panda_optoforce" / "setup.toml")
     return setup, ft.read_log(real / "panda_optoforce" / f"log_{number}.npz", setup)
 
@@ -42,11 +42,11 @@ def abb(real):
 
 
 def with_least_squares_tool(setup, result):
-    """A setup with mass and centre of mass by plain least squares: reading = D theta - constant bias.
+    """Setup with mass and centre of mass from plain least squares: reading = D theta - constant bias.
 
     Args:
-        setup: of the log; its inertia is kept, because hardly any log shows it.
-        result: of filtering the log, for its smoothed joints or pose.
+        setup: setup of the log; its inertia is kept, because hardly any log constrains it.
+        result: result of filtering the log, for its smoothed joints or pose.
     """
     params = params_from_setup(setup)
     one = partial(motion_and_wrench, params.arm, params.gravity)

@@ -1,4 +1,4 @@
-"""What ``diagnose`` says of recorded logs: verdict, causes and terms, held-out evidence, and what is left."""
+"""Diagnosis of recorded logs: verdict, causes and terms, held-out evidence, and the remaining gap."""
 
 import argparse
 import json
@@ -18,7 +18,7 @@ PATH = Path(__file__).with_name("diagnosis.json")
 
 
 def diagnosed(tables, arrays):
-    """The diagnosis of one log: what its report says first."""
+    """Diagnose one log; return the main entries of its report."""
     setup = ft.parse_setup(tables)
     start = time.process_time()
     whole = to_json(ft.diagnose(setup, [ft.Log.from_arrays(setup, **{"q": None, **arrays})]))
@@ -29,7 +29,7 @@ def diagnosed(tables, arrays):
 
 
 def row(name, found):
-    """A line of the table in README.md."""
+    """Format a line of the table in README.md."""
     causes = [f"{c['effect']} ({c['held_out_gain']:.3g} ± {c['held_out_gain_stderr']:.2g})" for c in found["causes"]]
     drives = [f"{t['drive']} ({t['held_out_gain']:.3g} ± {t['held_out_gain_stderr']:.2g})" for t in found["terms"]]
     before, after = (found["gap"][when]["in_noise_sigmas"] for when in ("before", "after"))

@@ -1,4 +1,4 @@
-"""The figure of the experiment: a run with contact, predictions, innovations and intervals."""
+"""Figure of the experiment: a run with contact, innovations, predictions and intervals."""
 
 import numpy as np
 from matplotlib.figure import Figure

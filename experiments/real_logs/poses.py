@@ -1,4 +1,4 @@
-"""The tool of the Axia80 by its 100 static poses, as identify finds it and as plain least squares does."""
+"""The tool of the Axia80 from its 100 static poses, by identify and by plain least squares."""
 
 import json
 import os
@@ -16,7 +16,7 @@ SETUP = {
     "tool": {"mass": 1.0, "center_of_mass": [0, 0, 0.05], "inertia": [2e-3, 0, 0, 2e-3, 0, 1e-3]},
 }
 TRUTH, STDERR = 1.1585, 0.0025
-"""kg, by all other ways to find it."""
+"""kg: mass and its standard error from all other methods."""
 
 
 def main():

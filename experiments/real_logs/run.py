@@ -1,4 +1,4 @@
-"""Recorded logs of three robots: predictions, error bars and contact, against what a constant or a tare would say."""
+"""Recorded logs of three robots: predictions, error bars and contact, compared with a constant bias and a tare."""
 
 import sys
 from dataclasses import replace
@@ -23,20 +23,20 @@ from ftbias_jax.filtering.method.passes import GATE
 from ftbias_jax.filtering.result import named_arrays
 
 REST = 0.2
-"""s at the end of the KUKA runs, in which the arm rests."""
+"""s at the end of the KUKA runs during which the arm is at rest."""
 TARE = 0.5
-"""s at the start that a held tare averages."""
+"""s at the start over which a held tare is averaged."""
 CALIBRATED = "gains and crosstalk of the training log, and its bias as prior"
 CALIBRATED_TUNED = "the same, tuned on the training log"
 IDENTIFIED = "identify --bias --crosstalk"
 MOUNTED = "identify --bias --mounting"
 OWN_WRENCH = (CALIBRATED, CALIBRATED_TUNED, IDENTIFIED, MOUNTED)
-"""Candidates whose wrench of the tool is not that of the others."""
+"""Candidates that are scored with their own wrench of the tool, which differs from that of the others."""
 BLOCKS = 10
 
 
 def study_kuka(real):
-    """Bias at the end against the reading at rest, in its own standard deviations; the contact that was found."""
+    """Compare the final bias with the reading at rest, in its standard deviations; list the contacts found."""
     scored, results = {}, {}
     for run in KUKA_RUNS:
         setup, log = kuka(real, run)
@@ -61,7 +61,7 @@ def at_the_end(result, truth):
 
 
 def study_panda(real):
-    """Trained on one log, tested on the other: the reading predicted 1 s and 10 s ahead."""
+    """Score readings predicted 1 s and 10 s ahead on one log, with setups trained on another log."""
     setup = panda(real, 1)[0]
     logs = {number: panda(real, number)[1] for number in (1, 2, 3)}
     first = {number: ft.filter_log(setup, logs[number]) for number in (1, 2)}
@@ -120,14 +120,14 @@ def study_panda(real):
 
 
 def with_prior(setup, log):
-    """A setup that expects the bias of a log, as ``identify --bias`` hands it over; its tool counts as known."""
+    """Setup with the bias of a log as prior, as ``identify --bias`` writes it; the tool counts as known."""
     found = steady_bias(setup, log)
     prior = replace(setup.bias, initial=found.value, initial_std=found.std, initial_drift_std=found.drift_std)
     return replace(setup, bias=prior)
 
 
 def compare(result, candidates, constant, ahead):
-    """Rms errors (6,) of all candidates, with the wrench of the tool that one result has, over the same samples."""
+    """Rms errors (6,) of all candidates over the same samples, with the tool wrench of one result except OWN_WRENCH."""
     y = measured_bias(result)
     tare = np.nanmean(y[result.t < result.t[0] + TARE], axis=0)
     judged = np.where(np.isfinite(prediction(result, ahead)), y, np.nan)
@@ -150,11 +150,11 @@ def compare(result, candidates, constant, ahead):
 
 
 def study_abb(real):
-    """Ten blocks, each with the noise of the other nine; a filter has nothing else to fit."""
+    """Score ten blocks, each filtered with noise fitted to the other nine; a filter has nothing else to fit."""
     setup, log = abb(real)
     result, stated = ft.filter_log(setup, log), ft.filter_log(setup, log, as_stated=True)
     options = ft.options_from_setup(setup)._replace(gate=GATE)
-    params = params_for_log.likeliest_params(setup, ft.samples_from_log(log), options)
+    params = params_for_log.max_likelihood_params(setup, ft.samples_from_log(log), options)
     whole_log = by_hand.Log(params, log)
     blocks = whole_log.blocks(options)
     edges = np.linspace(result.t[0], np.nextafter(result.t[-1], np.inf), BLOCKS + 1)
@@ -195,7 +195,7 @@ def study_abb(real):
 
 
 def tuned(setup, log):
-    """The setup that ``tune`` finds on a log, and what it says about it; the setup as it is if it finds none."""
+    """Tune a setup on a log; return the new setup, or the old one if tune fails, and the scores or the reasons."""
     try:
         found = ft.tune(setup, [log])
     except ft.FtbiasError as error:
@@ -205,11 +205,11 @@ def tuned(setup, log):
 
 
 def study_tune(real):
-    """Errors before and after ``tune``, on logs or parts of logs that it was not fitted to."""
+    """Compare errors before and after ``tune`` on logs, or parts of logs, that it was not fitted to."""
     setup, log = abb(real)
     after, why = tuned(setup, log)
     results = [ft.filter_log(each, log) for each in (setup, after)]
-    last = results[0].t > log.start + log.t[0] + 0.75 * (log.t[-1] - log.t[0])  # what tune keeps to judge by
+    last = results[0].t > log.start + log.t[0] + 0.75 * (log.t[-1] - log.t[0])  # the part that tune holds out
     scored = {"abb, last quarter": before_and_after(results, last) | why}
     setup, log = kuka(real, "base")
     after, why = tuned(setup, log)
@@ -219,7 +219,7 @@ def study_tune(real):
 
 
 def before_and_after(results, rows):
-    """Rms errors (6,) for the horizons that fit into the log."""
+    """Rms errors (6,) of results, for the horizons that fit into the log."""
     return {
         f"{ahead:g} s": [rounded(rms(errors(result, ahead)[rows])) for result in results]
         for ahead in AHEAD

@@ -1,4 +1,4 @@
-"""The vibration of the recorded ABB arm: what diagnose names and tune fits, and innovations with each as the setup."""
+"""Vibration of the recorded ABB arm: the cause that diagnose names, the fit by tune, and the NIS with each setup."""
 
 import json
 import sys
@@ -16,7 +16,7 @@ PATH = Path(__file__).with_name("vibration.json")
 
 
 def squares(setup, log):
-    """(6,) NIS by axis in the slowest and the fastest tenth, of the default filter and of that as the setup states."""
+    """NIS (6,) by axis in the slowest and the fastest tenth, by the default filter and with the noise as stated."""
     found = {}
     for name, as_stated in (("default", False), ("as stated", True)):
         result = ft.filter_log(setup, log, as_stated=as_stated)

@@ -1,7 +1,7 @@
-"""Reports of all kinds, read by their headlines and opened in headless Chromium at the widths of a desk and a phone.
+"""Diagnosis reports of all kinds: headlines, and layout in headless Chromium at the widths of a desktop and a phone.
 
-Every effect of the catalogue, pairs, several logs, poses, nothing, and gaps that no effect has. Counts the words of
-each headline, text that is cut off, pages wider than the screen, and violations that axe finds.
+The cases are every effect of the catalogue, pairs, several logs, poses, no effect and gaps that match no effect. Counts
+the words of each headline, text that is cut off, pages wider than the screen, and violations that axe finds.
 Needs Chromium, its driver, and the Python packages selenium and axe-core-python; without them only the headlines are
 read. ``run.py FOLDER`` keeps the pages there.
 """
@@ -37,7 +37,7 @@ WIDE = "return document.documentElement.scrollWidth - document.documentElement.c
 
 
 def cases():
-    """Name -> setup and logs."""
+    """Name of the case -> (setup, logs)."""
     found = {}
     for number, name in enumerate(ft.CATALOGUE):
         found[name] = [made({name: {}}, number)]
@@ -53,12 +53,12 @@ def cases():
 
 
 def made(effects, seed):
-    """A simulated log with effects of typical size."""
+    """Simulate a log with effects of typical size."""
     return ft.simulate(SETUP, effects, duration=DURATION, rate=RATE, seed=seed).log
 
 
 def rubbing(log):
-    """A force against the direction in which the joints swing the tool, whatever the speed."""
+    """Add a dry-friction force of constant size that opposes the motion of the joints."""
     speed = np.gradient(np.sin(log.q).sum(1), log.t)
     wrench = log.wrench.copy()
     wrench[:, 0] -= 0.8 * np.sign(speed)
@@ -66,7 +66,7 @@ def rubbing(log):
 
 
 def stepping(log):
-    """A force that changes at random times to random values."""
+    """Add a force that steps to random values at regular intervals."""
     rng = np.random.default_rng(0)
     level = np.repeat(rng.normal(0, 0.8, (50, 3)), len(log.t) // 50 + 1, 0)[: len(log.t)]
     wrench = log.wrench.copy()
@@ -75,9 +75,9 @@ def stepping(log):
 
 
 def posed(log):
-    """The same log as the pose of the flange, without the arm."""
+    """Convert a log into one with the recorded pose of the flange instead of the joints."""
     q = jnp.asarray(log.q).T
-    path = path_of(motions_of(PARAMS.arm, q, q, q))  # of which only the place is used
+    path = path_of(motions_of(PARAMS.arm, q, q, q))  # rates are dummies, because only the pose is used
     sensor = {"noise_std": np.asarray(SETUP.sensor.noise_std).tolist()}
     tool = {"mass": SETUP.tool.mass, "center_of_mass": SETUP.tool.center_of_mass.tolist()}
     pose = {"orientation": "matrix", "linear": "position"}
@@ -89,7 +89,7 @@ def posed(log):
 
 
 def look(browser, page, axe):
-    """What is wrong with a page at every width."""
+    """Return the layout and accessibility faults of a page at every width."""
     found = {}
     for width in WIDTHS:
         browser.execute_cdp_cmd(
@@ -107,7 +107,7 @@ def look(browser, page, axe):
 
 
 def open_browser():
-    """A headless Chromium, or None."""
+    """Open a headless Chromium; None if it is not installed."""
     if not (shutil.which("chromium") and shutil.which("chromedriver") and find_spec("selenium")):
         return None
     from selenium import webdriver
@@ -121,7 +121,6 @@ def open_browser():
 
 
 def main():
-    """Every report."""
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
     folder.mkdir(parents=True, exist_ok=True)
     browser = open_browser()

@@ -1,4 +1,4 @@
-"""What contact detection, gate and noise from the log cost where nothing is wrong, and what they save where it is."""
+"""Cost of contact detection, gating and noise adaptation on clean logs, and benefit with contacts or bias jumps."""
 
 import sys
 from pathlib import Path
@@ -15,21 +15,21 @@ from ftbias_jax.filtering.method.passes import GATE
 
 SEEDS, DURATION, RATE, SETTLED = 20, 20.0, 250.0, 1.0
 OFF = 1e6
-"""Standard deviations of a gate that nothing reaches."""
+"""Gate threshold in standard deviations that no innovation reaches, which switches the gate off."""
 FORCES, DURATIONS = (1.0, 5.0, 20.0, 50.0), (0.2, 1.0, 3.0)
-"""N and s, of contacts."""
+"""N and s: forces and durations of the contacts."""
 BEGIN, LEVER = 8.0, 0.1
-"""s at which contact begins or the bias jumps; m, from the sensor to the point of contact."""
+"""s at which contact begins or the bias jumps; m, lever arm from the sensor to the point of contact."""
 JUMP_DURATION, SOON = 60.0, 10.0
-"""s: length of the logs in which the bias jumps, and the time after the jump of a first look."""
+"""s: length of the logs in which the bias jumps, and time after the jump at which the error is first evaluated."""
 FOLLOWED = 0.1
-"""Share of a jump that is left when the bias counts as followed."""
+"""Share of a jump that may remain as error of the bias for the jump to count as followed."""
 
 
 def filtered(log, kinds):
-    """Results of one log by kind, and the noise found; the joints are smoothed once."""
+    """Filter one log with each kind of robustness; return the results by kind, and the noise that was found."""
     options = ft.options_from_setup(SETUP)
-    params = params_for_log.likeliest_params(SETUP, ft.samples_from_log(log), options)
+    params = params_for_log.max_likelihood_params(SETUP, ft.samples_from_log(log), options)
     whole = by_hand.Log(params, log)
     found = whole.noise(whole.blocks(options))
     by_kind = {"default": (found, GATE), "gate off": (found, OFF), "gate alone": (None, GATE), "neither": (None, OFF)}
@@ -41,7 +41,7 @@ def filtered(log, kinds):
 
 
 def touched(made, seed, force, duration, stays=False):
-    """A log whose tool is pushed in a random direction, and the (6,) wrench; or whose bias jumps by that and stays."""
+    """Add a push in a random direction to a log, or a permanent bias jump (``stays``); return log and wrench (6,)."""
     rng = np.random.default_rng(seed)
     push, arm = (x / np.linalg.norm(x) for x in rng.normal(size=(2, 3)))
     wrench = force * np.concatenate([push, np.cross(LEVER * arm, push)])
@@ -55,7 +55,7 @@ def rms(x):
 
 
 def clean(made):
-    """Bias error, NEES of the bias (6 for right error bars) and false alarms on logs where nothing is wrong."""
+    """Bias error, NEES of the bias (6 for consistent error bars) and false alarms on clean logs."""
     kinds = ("default", "gate off", "gate alone", "neither")
     errors, squares = ({kind: [] for kind in kinds} for _ in range(2))
     alarms = dict.fromkeys(("contact", "vibration", "level of the noise", "slow errors", "offset", "inflation"), 0)
@@ -103,7 +103,7 @@ def clean(made):
 
 
 def contact(made):
-    """Bias error from the beginning of a contact to the end of the log, and how often the contact is found."""
+    """Bias error from the beginning of a contact to the end of the log, and number of logs in which it is found."""
     scored = {}
     kinds = ("default", "neither")
     for force in FORCES:
@@ -126,7 +126,7 @@ def contact(made):
 
 
 def jump(made):
-    """How far the bias is off some time after it jumped and at the end, and when it had followed."""
+    """Bias error some time after a jump and at the end of the log, and the time until the bias followed the jump."""
     scored = {}
     kinds = ("default", "gate alone", "neither")
     for force in FORCES:
@@ -161,7 +161,7 @@ ARMS = ("panda", "ur5e", "ur10e", "iiwa14", "gen3")
 
 
 def pushed_all_along():
-    """How far the bias is off where a hand never lets go of the tool: arms, tools, motions and pushes are drawn."""
+    """Bias error under a push that never ends, as by a hand on the tool; arms, tools, motions and pushes are random."""
     worst, width, said = [], [], 0
     for seed in range(SEEDS):
         rng = np.random.default_rng(1000 + seed)

@@ -1,7 +1,7 @@
-"""Many logs on a graphics card, per the same on one core: wall time of compiled programs, arguments on the device.
+"""Speed of many logs on a GPU relative to one CPU core: wall time of compiled programs, arguments on the device.
 
 64, 1,000 and 4,000 logs of 4,096 samples in both precisions, and ``ft.filter_log`` of 300 logs of 10 s at 500 Hz. Each
-device is a process of its own, both at once; what the card finds is compared with what the core finds.
+device has a process of its own, and both run together; the results of the GPU are compared with those of the CPU.
 """
 
 import json
@@ -15,7 +15,7 @@ from pathlib import Path
 PLATFORM, FOLDER = sys.argv[1:] if len(sys.argv) > 1 else ("", "")
 if PLATFORM == "cpu":
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-if not PLATFORM:  # who only starts the others must not take the card's memory
+if not PLATFORM:  # the parent process must not allocate GPU memory
     os.environ["JAX_PLATFORMS"] = "cpu"
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -30,18 +30,18 @@ from ftbias_jax.filtering import likelihood, pipeline
 
 LENGTH, FEW, ROUNDS = 4096, 64, 3
 COUNTS = {"cpu": (FEW,), "cuda": (FEW, 1000, 4000)}
-"""Logs; a core takes one after the other."""
+"""Device -> numbers of logs; a CPU core processes them one after the other."""
 MOST = {"method": 1000}
-"""Logs beyond which a contestant is not tried."""
+"""Contestant -> largest number of logs that it is tried with."""
 LOGS, SECONDS, DIFFERENT = 300, 10.0, 20
 OPTIONS = pipeline.DEFAULT_OPTIONS
 LAYOUT = ft.layout_of(np.r_[0.0, np.full(LENGTH - 1, RATE)])
 TIME_LIMIT = 330
-"""s; what a device has not done by then is left out."""
+"""s after which a device is stopped; unfinished work is left out."""
 
 
 def bias_of(params, samples):
-    """Mean and variance of bias and drift at every sample."""
+    """Return mean and variance of bias and drift at every sample."""
 
     def keep(state, info):
         return state.bias.mean, jnp.diagonal(state.bias.covariance)
@@ -54,7 +54,7 @@ def score(params, samples):
 
 
 def by_method(params, samples):
-    """Bias and its standard deviation by all passes of ``filter_log`` but the search for the joints' noise."""
+    """Bias and its standard deviation by all passes of ``filter_log`` except the fit of the joints' noise."""
     states = ft.filter_samples(params, samples, layout=LAYOUT)[1]
     return states.bias, states.bias_std
 
@@ -64,7 +64,7 @@ def each(function):
 
 
 def gradient(params, logs):
-    """Value of all logs and slopes in the noise of joints and bias."""
+    """Log-likelihood of all logs and its gradient with respect to the noise of joints and bias."""
 
     def nats(joint, bias):
         return each(score)(params._replace(joint=joint, bias=bias), logs).sum()
@@ -100,7 +100,7 @@ def measured(name, dtype, count, params, few):
 
 
 def of_verb(logs):
-    """``ft.filter_log`` of logs in memory, s a log, the first time and again."""
+    """Time ``ft.filter_log`` of logs in memory, ms per log, in the first and in a second call."""
     first, _ = timed(lambda: ft.filter_log(common.SETUP, logs, fields=["bias"]))
     again, results = timed(lambda: ft.filter_log(common.SETUP, logs, fields=["bias"]))
     np.savez(Path(FOLDER) / f"{PLATFORM}, filter_log, float64.npz", *(x.bias for x in results[:DIFFERENT]))
@@ -108,13 +108,13 @@ def of_verb(logs):
 
 
 def of_device():
-    """All that one device does; what is done is in a file, whatever comes after."""
+    """Run all work of one device; each finished part is written to a file, so that a later failure loses nothing."""
     found, made = {"device": jax.devices()[0].device_kind}, make_logs(FEW, LENGTH)
 
     def note(key, function, *arguments):
         try:
             found[key] = function(*arguments)
-        except Exception as error:  # too little memory, of a smaller card
+        except Exception as error:  # for example too little memory on a smaller GPU
             found[key] = {"error": f"{type(error).__name__}: {error}"[:300]}
         print(PLATFORM, key, found[key], flush=True)
         (Path(FOLDER) / f"{PLATFORM}.json").write_text(json.dumps(found))
@@ -132,7 +132,7 @@ def of_device():
 
 
 def difference(name, dtype, folder):
-    """Largest difference of what the two devices found, per the largest of it; None = one of them did not."""
+    """Largest difference between the devices' results, relative to the largest value; None = one has no result."""
     try:
         files = [np.load(folder / f"{x}, {name}, {dtype}.npz") for x in COUNTS]
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""The whole pipeline as one scalar loop compiled by numba: the floor that the speed of the package is measured by."""
+"""The whole pipeline as one scalar loop compiled by numba, as the reference for the speed of the package."""
 
 import numba
 import numpy as np
@@ -11,8 +11,16 @@ def filter_log(dt, q, dq, wrench, arm, joint, bias, gravity, theta, means):
     """Log-likelihood of a log without gaps; fills the filtered (bias, drift) means (T, 2, 6).
 
     Args:
-        arm: v, s, [s], [s]^2, [s] v, [s]^2 v, position, rotation. joint: process density, position and velocity
-        noise, prior, all standard deviations. bias: density, wrench variance, prior mean (2, 6), prior std (2, 6).
+        dt: (T,) s, sample intervals.
+        q: (T, n) rad, joint positions.
+        dq: (T, n) rad/s, joint velocities.
+        wrench: (T, 6) N, Nm, measured wrench.
+        arm: v, s, [s], [s]^2, [s] v, [s]^2 v, position, rotation.
+        joint: process density, position and velocity noise, prior, all standard deviations.
+        bias: density, wrench variance, prior mean (2, 6), prior std (2, 6).
+        gravity: (3,) m/s^2, base frame.
+        theta: (10,) inertial parameters of the tool.
+        means: (T, 2, 6) array that receives the filtered means.
     """
     n = q.shape[1]
     v0, s0, skew, skew2, skew_v, skew2_v, zero_p, zero_R = arm
@@ -184,7 +192,7 @@ def filter_log(dt, q, dq, wrench, arm, joint, bias, gravity, theta, means):
 
 
 def arguments(params):
-    """The parameters of the pipeline as the loop takes them."""
+    """Convert the parameters of the pipeline into the arguments of ``filter_log``."""
     numpy = [np.asarray(x, np.float64) for x in params.arm]
     joint = tuple(np.asarray(x, np.float64) for x in params.joint)
     bias = params.bias

@@ -1,4 +1,4 @@
-"""The logs that are timed: many short ones or a long one of the demonstration's arm, at 1 kHz, and its parameters."""
+"""Logs for timing: many short ones or a long one of the demonstration's arm, at 1 kHz, and its parameters."""
 
 import common
 import jax
@@ -16,7 +16,7 @@ def make_logs(count, length):
 
 
 def make_log(length):
-    """One, without the axis of many."""
+    """Make one log, without the leading axis."""
     return jax.tree.map(lambda x: x[0], make_logs(1, length))
 
 

@@ -1,14 +1,14 @@
-"""The bias filter alone in other libraries: 12 states, 6 measurements, constant matrices; y (T, 6) -> (mean, nats).
+"""The bias filter in other libraries: 12 states, 6 measurements, constant matrices; y (T, 6) -> (mean, log-likelihood).
 
 Each maker takes (A, Q, C, R, mean, covariance) and returns a function of y that gives the last filtered mean (12,) and
-the log-likelihood. A library that is not installed is told by its ImportError.
+the log-likelihood. A library that is not installed raises its ImportError.
 """
 
 import numpy as np
 
 
 def statsmodels(A, Q, C, R, mean, covariance, tolerance=0.0):
-    """It has a shortcut to the steady state, off here: a log's dt is not constant, and samples are missing."""
+    """The shortcut to the steady state is off, because a log's dt is not constant and samples are missing."""
     from statsmodels.tsa.statespace.kalman_filter import KalmanFilter
 
     def run(y):
@@ -23,12 +23,12 @@ def statsmodels(A, Q, C, R, mean, covariance, tolerance=0.0):
 
 
 def statsmodels_shortcut(*matrices):
-    """With the shortcut as it comes, for a constant dt without gaps."""
+    """With the default shortcut to the steady state, which needs a constant dt without gaps."""
     return statsmodels(*matrices, tolerance=1e-19)
 
 
 def _dynamax(A, C, mean, covariance):
-    """(Q, R, y) -> what its filter returns."""
+    """Return a function (Q, R, y) -> posterior of dynamax's filter."""
     from functools import partial
 
     import jax
@@ -36,7 +36,7 @@ def _dynamax(A, C, mean, covariance):
     from dynamax.linear_gaussian_ssm import LinearGaussianSSM, inference, lgssm_filter
     from dynamax.utils.utils import psd_solve
 
-    # It adds 1e-9 to the innovations' covariance, which is 6e-5 of the torque's here: another model.
+    # dynamax adds 1e-9 to the innovation covariance, 6e-5 of that of the torque, which would change the model.
     inference.psd_solve = partial(psd_solve, diagonal_boost=0.0)
     names = ("initial_mean", "initial_covariance", "dynamics_weights", "emission_weights")
     constants = dict(zip(names, map(jnp.asarray, (mean, covariance, A, C)), strict=True))
@@ -132,7 +132,7 @@ def simdkalman(A, Q, C, R, mean, covariance):
             smoothed=False,
             log_likelihood=True,
         )
-        # It leaves out the constant of the density.
+        # The library omits the constant of the Gaussian density.
         return result.filtered.states.mean[0, -1], result.log_likelihood[0] - y.size / 2 * np.log(2 * np.pi)
 
     return run
@@ -157,5 +157,5 @@ LIBRARIES = {
     "pykalman": pykalman,
 }
 OTHER_RESULTS = {"dynamax gradient": dynamax_gradient, "statsmodels, steady state": statsmodels_shortcut}
-"""Timed as well, but with results that are not those of the filter."""
+"""Timed as well, but with results that differ from the filter's, and so are not compared."""
 SLOW = ("filterpy", "simdkalman", "pykalman")

@@ -1,4 +1,4 @@
-"""What the parts of the noise cost: Sigma_D, vibration, robustness, correlated noise, and the gradient; one core."""
+"""Processor time of the noise model's parts (Sigma_D, vibration, gate, correlated noise) and the gradient; one core."""
 
 import json
 import os
@@ -25,7 +25,7 @@ GATED = pipeline.DEFAULT_OPTIONS._replace(gate=6.0)
 
 
 def variants():
-    """Parameters and options by name."""
+    """Name of the variant -> (parameters, options)."""
     bias, off = PARAMS.bias, pipeline.DEFAULT_OPTIONS
     std = jnp.sqrt(bias.wrench_variance)
     spread = DataNoise(*(jnp.full(3, x) for x in (0.05, 0.5, 0.02, 0.01)))
@@ -48,7 +48,7 @@ def variants():
 
 
 def whole(params, samples, options):
-    """Log-likelihood, and mean of bias and drift at every sample."""
+    """Return the log-likelihood, and the mean of bias and drift at every sample."""
     _, track = stages.run(params, pipeline.init(params, samples), samples, options)
     return track.joint.log_likelihood.sum() + track.wrench.log_likelihood.sum(), track.wrench.mean
 
@@ -58,7 +58,7 @@ def score(params, samples, options):
 
 
 def gradient(params, samples, options):
-    """Value and slopes in the noise of joints and bias."""
+    """Log-likelihood and its gradient with respect to the noise of joints and bias."""
 
     def nats(joint, bias):
         return score(params._replace(joint=joint, bias=bias), samples, options)
@@ -79,7 +79,7 @@ def main():
             programs[f"{kind}, {name}"] = compiled(function, params, samples, options)
     programs["gradient, all off"] = compiled(gradient, PARAMS, samples, pipeline.DEFAULT_OPTIONS)
     seconds = dict.fromkeys(programs, np.inf)
-    for _ in range(ROUNDS + 1):  # the first warms up
+    for _ in range(ROUNDS + 1):  # the first round is a warm-up
         for name, program in programs.items():
             start = time.process_time()
             program()

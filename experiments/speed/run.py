@@ -1,6 +1,6 @@
-"""How fast the pipeline is beside other libraries and a scalar loop: one core, results agree before anything is timed.
+"""Speed of the pipeline against other libraries and a scalar loop, on one core; results must agree before timing.
 
-Needs numba and whichever of dynamax, cuthbert, statsmodels, filterpy, simdkalman, pykalman are to be compared.
+Needs numba and those of dynamax, cuthbert, statsmodels, filterpy, simdkalman, pykalman that are to be compared.
 """
 
 import json
@@ -35,7 +35,7 @@ OPTIONS = pipeline.DEFAULT_OPTIONS
 
 
 def whole(params, samples):
-    """Log-likelihood, and mean of bias and drift at every sample."""
+    """Return the log-likelihood, and the mean of bias and drift at every sample."""
     _, track = stages.run(params, pipeline.init(params, samples), samples, OPTIONS)
     return track.joint.log_likelihood.sum() + track.wrench.log_likelihood.sum(), track.wrench.mean
 
@@ -62,7 +62,7 @@ def score(params, samples):
 
 
 def gradient(params, samples):
-    """Value and slopes in all noise parameters."""
+    """Log-likelihood and its gradient with respect to all noise parameters."""
     return jax.value_and_grad(lambda noise: score(with_noise(params, noise), samples))(noise_of(params))
 
 
@@ -86,7 +86,7 @@ def bias_gradient(params, dt, y):
 
 
 def compiled(function, *arguments):
-    """The compiled function of no argument, and the seconds it took."""
+    """Compile a function for its arguments; return it as one without arguments, and the compile time in s."""
     start = time.perf_counter()
     program = jax.jit(function).lower(*arguments).compile()
     return (lambda: jax.block_until_ready(program(*arguments))), time.perf_counter() - start
@@ -175,13 +175,13 @@ def compare():
 
 
 def difference(found, expected):
-    """Largest relative difference of numbers that belong together."""
+    """Largest relative difference between corresponding arrays."""
     pairs = zip(map(np.asarray, found), map(np.asarray, expected), strict=True)
     return float(max(np.abs(a - b).max() / np.abs(b).max() for a, b in pairs))
 
 
 def in_chunks(size):
-    """CPU seconds and peak memory of filtering a long log that is never in memory as a whole."""
+    """Processor time and peak memory of filtering a long log in chunks, never wholly in memory."""
     source = jax.tree.map(np.asarray, make_log(CHUNK))
     length = min(CHUNK, size)
     state = pipeline.init(PARAMS, jax.tree.map(jnp.asarray, source))
@@ -203,7 +203,7 @@ def in_chunks(size):
             np.asarray(mean)
         seconds = min(seconds, time.process_time() - start)
     count = length * -(-size // length)
-    status = Path("/proc/self/status").read_text()  # getrusage remembers the parent
+    status = Path("/proc/self/status").read_text()  # getrusage includes the parent
     peak = int(status.split("VmHWM:")[1].split()[0]) / 2**20
     return {"us_per_sample": 1e6 * seconds / count, "peak_GiB": peak, "finite": bool(np.isfinite(nats))}
 

@@ -1,6 +1,6 @@
-"""What users call, per the pipeline that keeps mean and variance of the bias: processor time of one core, in one run.
+"""Processor time on one core of what users call, relative to the bare pipeline with mean and variance of the bias.
 
-With the checks, and with all that a result holds. Cold and cached commands are processes of their own.
+User calls include the checks and all fields of a result. Cold and cached commands run as separate processes.
 """
 
 import json
@@ -33,7 +33,7 @@ def made(seconds, seed=0):
 
 
 def best(function, rounds=ROUNDS):
-    """Least processor time of some rounds, s, after one that does not count."""
+    """Least processor time of some rounds, s, after a warm-up round."""
     function()
     times = []
     for _ in range(rounds):
@@ -44,14 +44,14 @@ def best(function, rounds=ROUNDS):
 
 
 def of_log(*logs, rounds=ROUNDS, **options):
-    """Microseconds a sample of ``ft.filter_log``."""
+    """Processor time of ``ft.filter_log`` in microseconds per sample."""
     given = logs[0] if len(logs) == 1 else list(logs)
     seconds = best(lambda: ft.filter_log(common.SETUP, given, **options), rounds)
     return 1e6 * seconds / sum(len(log.t) for log in logs)
 
 
 def pipeline_alone(log):
-    """Processor time of ``pipeline.run`` that keeps mean and variance of bias and drift, s."""
+    """Processor time, s, of ``pipeline.run`` that returns mean and variance of bias and drift."""
     samples = ft.samples_from_log(log)._replace(temperature=None)
     params = params_for_log(common.SETUP, samples)
     state = pipeline.init(params, samples)
@@ -68,7 +68,7 @@ def command(folder, cache):
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     code = (
         "import sys; from ftbias_jax.cli.main import main; code = main(sys.argv[1:]);"
-        "peak = open('/proc/self/status').read().split('VmHWM:')[1].split()[0];"  # getrusage remembers the parent
+        "peak = open('/proc/self/status').read().split('VmHWM:')[1].split()[0];"  # getrusage includes the parent
         "print('peak', int(peak) / 1024); sys.exit(code)"
     )
     files = [str(folder / name) for name in ("log.npz", "setup.toml", "out.npz")]

@@ -1,4 +1,4 @@
-"""Noise tuning on logs of 60,000 samples: is the truth found, also from starts wrong by 30 times, and how fast?"""
+"""Accuracy and speed of noise tuning on logs of 60,000 samples, also from starting values wrong by a factor of 30."""
 
 import sys
 import time
@@ -34,7 +34,7 @@ KINDS = {"joints smoothed (what tune does)": "#0072B2", "joints filtered": "#D55
 
 
 def white_jerk(rng):
-    """(T, n, 3) joint states of the filter's own model, with a weak pull that keeps them bounded."""
+    """Random joint states (T, n, 3) of the filter's own model, with a weak pull that keeps them bounded."""
     dt = 1 / RATE
     A, Q = (np.array(rows, float) for rows in process_models.integrated_jerk_noise(jnp.array(dt), jnp.array(1.0)))
     shocks = rng.normal(size=(SAMPLES, 7, 3)) @ np.linalg.cholesky(Q).T
@@ -46,7 +46,7 @@ def white_jerk(rng):
 
 
 def make_log(seed=0):
-    """A log, and the true wrench of the tool (T, 6)."""
+    """Simulate a log; return its samples and the true wrench of the tool (T, 6)."""
     t = jnp.arange(SAMPLES) / RATE
     q, dq, ddq = (jnp.asarray(x) for x in np.moveaxis(white_jerk(np.random.default_rng(seed)), 2, 0))
     made = simulate.simulate(jax.random.key(seed), TRUTH, simulate.Trajectory(t, q, dq, ddq))
@@ -54,7 +54,7 @@ def make_log(seed=0):
 
 
 def wrong_by(factor):
-    """Every noise parameter multiplied by a factor."""
+    """Return the true parameters with every noise parameter multiplied by a factor."""
     joint = TRUTH.joint._replace(**{name: factor * getattr(TRUTH.joint, name) for name in JOINT_NAMES})
     bias = TRUTH.bias._replace(
         density=factor * TRUTH.bias.density, wrench_variance=factor**2 * TRUTH.bias.wrench_variance
@@ -70,7 +70,7 @@ def tune_all(start, log):
 
 @jax.jit
 def filtered_wrench(params, log):
-    """D theta of filtered joints, and the joints' share of the variance, (T, 6) each."""
+    """Wrench of the tool D theta from filtered joints, and its variance due to joint uncertainty, (T, 6) each."""
     track = filter_scan(
         JOINT_MODELS[DEFAULT_OPTIONS.joint_model],
         stages.joint_inputs(params.joint, pipeline.init(params, log).joint, log),
@@ -80,20 +80,20 @@ def filtered_wrench(params, log):
 
 
 def tune_given(params, log, wrench_tool, joint_variance):
-    """The wrench stage alone, for a given wrench of the tool."""
+    """Fit only the noise of the wrench, for a given wrench of the tool (T, 6) and its variance (T, 6)."""
     whole = WrenchLogs(stack([log]), wrench_tool[None], joint_variance[None])
     return tune.fit_wrench(params, [(params, whole)], WRENCH_TIES)[1]
 
 
 def over_truth(true, *fits):
-    """By name: values over the truth, and the miss of their logarithms in standard errors."""
+    """By name: ratio of the fitted to the true values, and the error of its logarithm in standard errors."""
     ratio = {name: fit.values[name] / true[name] for fit in fits for name in fit.values}
     stderr = {name: fit.relative_stderr[name] for fit in fits for name in fit.values}
     return ratio, {name: np.log(ratio[name]) / stderr[name] for name in ratio}
 
 
 def from_wrong_starts(log, true):
-    """Values over truth and likelihoods from each start; prints the time."""
+    """Fitted over true values and log-likelihoods from each wrong start; prints the time."""
     runs = {}
     for factor in FACTORS:
         jax.clear_caches()
@@ -141,7 +141,7 @@ def main():
 
 
 def params_at_truth(params):
-    """True noise of bias and sensor, with the joints as tuned."""
+    """Parameters with the true noise of bias and sensor, and the tuned noise of the joints."""
     return params._replace(bias=TRUTH.bias)
 
 

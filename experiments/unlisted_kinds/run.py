@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Make pairs of logs of kinds that are in no catalogue, diagnose the first of each and score: python run.py [FOLDER].
+"""Make pairs of logs with effects outside the catalogue, diagnose the first of each and score: python run.py [FOLDER].
 
-FOLDER keeps logs and verdicts, so that a run that was stopped goes on where it was.
+Logs and verdicts are kept in FOLDER, so that an interrupted run can be resumed.
 """
 
 import argparse
@@ -15,7 +15,7 @@ from validation.__main__ import main
 
 
 def run(folder, kinds, count, seed, jobs):
-    """The score of one half of the kinds, without the rows of single logs."""
+    """Score of a subset of the kinds of effects, without the rows of single logs."""
     logs = folder / f"{kinds}_{seed}"
     make = ["--protocol", "unlisted", "--kinds", kinds, "--count", str(count), "--seed", str(seed)]
     if not (logs / "truth.json").exists() and main(["make", str(logs), *make, "--jobs", str(jobs)]):
@@ -39,6 +39,6 @@ if __name__ == "__main__":
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         result = run(asked.folder or Path(temporary), asked.kinds, asked.count, asked.seed, asked.jobs)
-    from common import keep  # sets flags of JAX, which the diagnosis is to choose itself
+    from common import keep  # imported late, because it sets flags of JAX that the diagnosis should choose itself
 
     keep(__file__, result, name="events" if asked.kinds == "events" else "result")

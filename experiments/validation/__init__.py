@@ -1,1 +1,1 @@
-"""The withheld check: logs by foreign physics, diagnosed without their labels, then scored."""
+"""Validation on withheld labels: logs simulated by independent physics are diagnosed without labels, then scored."""

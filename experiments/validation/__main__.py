@@ -1,4 +1,4 @@
-"""Make labelled logs by physics that are not the package's, and score the diagnosis on them."""
+"""Make labelled logs with physics independent of the package's, and score the diagnosis on them."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-if not __package__:  # python experiments/validation: the folder itself is where Python looks first
+if not __package__:  # python experiments/validation puts the folder itself first on the path
     sys.path[0] = str(Path(__file__).resolve().parents[1])
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: threads for small matrices wait for one another
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: threads for small matrices block each other
 
 from ftbias_jax.cli.options import count, positive, seed
 from ftbias_jax.cli.terminal import warn
@@ -20,13 +20,13 @@ from ftbias_jax.io.write.outputs import check_outputs
 from ftbias_jax.runtime.progress import Progress
 
 MOST_SAMPLES = 10_000_000
-"""Of one made log."""
+"""Limit on the samples of one simulated log, because more do not fit the memory."""
 INTERRUPTED = "validation: interrupted, nothing more was written"
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Make or score a set of logs; returns 0, or 1 for a failure, 2 for wrong arguments, 3 where samples were lost."""
-    if words is None:  # a process of its own
+    """Make or score a set of logs; returns 0, or 1 for a failure, 2 for wrong arguments, 3 if samples were lost."""
+    if words is None:  # run as a program
         from ftbias_jax.runtime.signals import end_on_signals
 
         end_on_signals(f"{INTERRUPTED}\n")
@@ -42,12 +42,12 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def numbers(text: str) -> tuple[float, ...]:
-    """Positive numbers, by commas."""
+    """Parse positive numbers separated by commas."""
     return tuple(map(positive, text.split(",")))
 
 
 def parser() -> argparse.ArgumentParser:
-    """The arguments of both actions."""
+    """Build the parser for the arguments of both actions."""
     whole = argparse.ArgumentParser(
         prog="validation",
         description=__doc__,
@@ -90,8 +90,8 @@ def make(arguments: argparse.Namespace) -> int:
     """Write logs, setups and labels into a folder; returns 0.
 
     Raises:
-        UsageError: an unknown effect, or an option of the other protocol. OutputError: the folder cannot be made or
-            holds a set already.
+        UsageError: an effect is unknown, or an option belongs to the other protocol. OutputError: the folder cannot be
+            made or already holds a set.
     """
     unlisted = arguments.protocol == "unlisted"
     for option, value, fits in (("--effects", arguments.effects, not unlisted), ("--kinds", arguments.kinds, unlisted)):
@@ -125,7 +125,7 @@ def make(arguments: argparse.Namespace) -> int:
 
 
 def score(arguments: argparse.Namespace) -> int:
-    """Diagnose every log of a set, then open its labels and score.
+    """Diagnose every log of a set, then open its labels and score the diagnoses.
 
     Returns:
         1 if a diagnosis failed, else 3 if samples were lost, else 0.

@@ -1,4 +1,4 @@
-"""The score of withheld kinds, by size of the gap and by kind: as numbers for programs, and as tables for readers."""
+"""Score of the withheld kinds by gap size and by kind: as numbers for programs and as tables for readers."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from validation.labels import Label
 from validation.rules import Share, share
 
 COUNTED = 0.5
-"""Noise sigmas of gap; fainter ones are told, not counted."""
+"""Gap in noise sigmas from which a log is counted; fainter logs are only listed."""
 SIZES = ((0.0, 0.5), (0.5, 1.0), (1.0, 3.0), (3.0, float("inf")))
-"""Noise sigmas of gap: from, to."""
+"""Ranges (from, to) of the gap in noise sigmas by which the logs are grouped."""
 SAME_SHRINK = 0.1
-"""Within which a shrink holds on another log."""
+"""Largest loss of shrink on the second log for which the shrink counts as holding there."""
 ROWS: Mapping[str, Callable[[Sequence[Judged]], Share]] = {
     "right drive first": lambda logs: share(one.right for one in logs),
     "right or equivalent by physics": lambda logs: share(one.equivalent for one in logs),
@@ -35,12 +35,12 @@ ROWS: Mapping[str, Callable[[Sequence[Judged]], Share]] = {
 
 
 def judged(scored: Mapping[str, tuple[Label, Mapping[str, Any]]]) -> dict[str, Judged]:
-    """Logs of withheld kinds, by name; others are left out."""
+    """Return the judged logs of withheld kinds by name; other logs are omitted."""
     return {name: judge(label, said) for name, (label, said) in scored.items() if label.withheld is not None}
 
 
 def content(logs: Mapping[str, Judged]) -> dict[str, Any]:
-    """The score of withheld kinds for programs."""
+    """Return the score of the withheld kinds as numbers for programs."""
     return {
         "counted_from_sigmas": COUNTED,
         "counted": _block(counted(logs.values())),
@@ -54,12 +54,12 @@ def content(logs: Mapping[str, Judged]) -> dict[str, Any]:
 
 
 def counted(logs: Iterable[Judged]) -> list[Judged]:
-    """Those that are not too faint."""
+    """Return the logs with a gap of at least COUNTED noise sigmas."""
     return [one for one in logs if one.gap_sigmas >= COUNTED]
 
 
 def shrinks(logs: Iterable[Judged]) -> dict[str, float | None]:
-    """Medians over the logs with a mean gap: held-out shrink, the oracle's, and how it holds on the second log."""
+    """Medians over the logs with a mean gap: held-out shrink, the oracle's shrink, and the shrink on the second log."""
     of_mean = [one for one in logs if one.of_mean]
     pairs = [(one.shrink, one.second) for one in of_mean if one.second is not None]
     return {
@@ -72,7 +72,7 @@ def shrinks(logs: Iterable[Judged]) -> dict[str, float | None]:
 
 
 def text(logs: Mapping[str, Judged]) -> str:
-    """The score of withheld kinds for a reader: 95 % confidence intervals (Wilson) in brackets."""
+    """Return the score of the withheld kinds as tables, with 95 % confidence intervals (Wilson) in brackets."""
     kept = counted(logs.values())
     lines = [f"withheld kinds: {len(kept)} of {len(logs)} logs have a gap of {COUNTED} noise sigmas or more", ""]
     lines += [f"{name:46s}{count(kept)}" for name, count in ROWS.items()]
@@ -120,7 +120,7 @@ def _sizes(logs: Iterable[Judged]) -> list[tuple[float, float, list[Judged]]]:
 
 
 def _kinds(logs: Iterable[Judged]) -> dict[str, list[Judged]]:
-    """By drive, kind and form."""
+    """Logs grouped by kind and form, in the order of drive, kind and form."""
     found: dict[str, list[Judged]] = defaultdict(list)
     for one in sorted(logs, key=lambda one: (one.truth.drive, one.truth.kind, one.truth.form)):
         found[f"{one.truth.kind}, {one.truth.form}"].append(one)
@@ -138,7 +138,6 @@ def _line(logs: Sequence[Judged]) -> str:
 
 
 def _row(one: Judged) -> dict[str, Any]:
-    """One log."""
     return {
         **one.truth._asdict(),
         "gap_sigmas": one.gap_sigmas,

@@ -1,4 +1,4 @@
-"""What a diagnosis says of an effect that is in no catalogue, held against the label: drive, names, shrink, numbers."""
+"""Comparison of a diagnosis of an effect outside the catalogue with its label: drive, names, shrink, coefficients."""
 
 from __future__ import annotations
 
@@ -14,72 +14,72 @@ from validation.rules import MOST_TWINS, named
 
 
 class Coefficient(NamedTuple):
-    """One coefficient of the first term, for which a standard error is stated and a truth known; numbers (N,)."""
+    """One coefficient, of (N,) numbers, of the first term with a stated standard error and a known true value."""
 
     unit: str
     error: Array
-    """Stated minus true, in that unit."""
+    """Stated minus true value, in that unit."""
     stderr: Array
 
     @property
     def inside(self) -> Array:
-        """(N,) whether the truth lies within three standard errors."""
+        """(N,) whether the true value is within three standard errors."""
         found: Array = np.abs(self.error) <= WITHIN * self.stderr
         return found
 
 
 class Judged(NamedTuple):
-    """One log of a withheld kind, and what was said of it."""
+    """One log of a withheld kind, with its label and its diagnosis."""
 
     truth: Withheld
     gap_sigmas: float
     verdict: str
     drive: str
-    """Of the first term; "" without terms."""
+    """Drive of the first term; "" without terms."""
     also: tuple[str, ...]
-    """Drives that the diagnosis itself calls equivalent to it, at most three."""
+    """Drives that the diagnosis itself declares equivalent to that drive, at most three."""
     anywhere: bool
-    """Whether any term has the right drive."""
+    """Whether any term has the true drive."""
     wrong: tuple[str, ...]
-    """Effects of the catalogue among the causes that are not even nearly what acts."""
+    """Catalogue effects among the causes that are not nearly the same as the true effect according to the label."""
     nearly: tuple[str, ...]
-    """Effects of the catalogue that the label declares as nearly the same."""
+    """Catalogue effects among the causes that the label declares as nearly the same as the true effect."""
     shrink: float
-    """Held out."""
+    """Held-out share of the mean square gap that the findings remove, as the diagnosis states it."""
     second: float | None
-    """Shrink of a second log of the same robot and effect, with what was said of the first one applied."""
+    """Shrink of a second log of the same robot and effect when the findings from the first are applied to it."""
     coefficients: tuple[Coefficient, ...]
 
     @property
     def right(self) -> bool:
-        """The drive of the first term is the true one."""
+        """Whether the drive of the first term is the true one."""
         return self.drive == self.truth.drive
 
     @property
     def equivalent(self) -> bool:
-        """It is the true one, or says the same by the label."""
+        """Whether that drive is the true one or equivalent to it according to the label."""
         return self.right or self.drive in self.truth.equivalent
 
     @property
     def claimed(self) -> bool:
-        """It is one of these, or the diagnosis calls one of these equivalent to it."""
+        """Whether that drive, or one declared equivalent to it by the diagnosis, is the true one or its equivalent."""
         return self.equivalent or bool({self.truth.drive, *self.truth.equivalent} & set(self.also))
 
     @property
     def of_mean(self) -> bool:
-        """There is a mean gap to shrink."""
+        """Whether there is a mean gap to shrink."""
         return self.truth.oracle_shrink is not None
 
 
 def judge(label: Label, said: Mapping[str, Any]) -> Judged:
-    """Hold a diagnosis (JSON of schema 1 or 2) against the label of a withheld kind.
+    """Compare a diagnosis (JSON of schema 1 or 2) with the label of a withheld kind.
 
     Args:
-        label: with ``withheld``.
-        said: the diagnosis; one of schema 1 has no terms.
+        label: one with ``withheld``.
+        said: the diagnosis; schema 1 has no terms.
 
     Raises:
-        ValueError: the label is of no withheld kind.
+        ValueError: the label is not of a withheld kind.
     """
     if label.withheld is None:
         raise ValueError("the label is of no withheld kind")
@@ -106,7 +106,7 @@ def judge(label: Label, said: Mapping[str, Any]) -> Judged:
 
 
 def _compared(truth: Withheld, term: Mapping[str, Any]) -> tuple[Coefficient, ...]:
-    """Coefficients and parameters that both know, where the drive is the true one: others mean other things."""
+    """Coefficients in both diagnosis and label, if the drive is the true one; otherwise they mean different things."""
     if term.get("drive") != truth.drive:
         return ()
     said = {**term.get("parameters", {}), **term.get("coefficients", {})}

@@ -1,4 +1,4 @@
-"""The labels of a set, truth.json: what was done to each log, in the terms of the catalogue."""
+"""The labels of a set in truth.json: the effects applied to each log, in the terms of the catalogue."""
 
 from __future__ import annotations
 
@@ -15,53 +15,53 @@ from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.types import Array
 
 FAINT = 0.3
-"""Noise sigmas of gap; fainter single effects are told but not counted."""
+"""Gap in noise sigmas below which a single effect is listed but not counted."""
 WITHOUT_GAP = ("noise_level", "outliers", "quantisation", "saturation", "vibration")
-"""Effects that are counted however small the gap: they are seen in single samples."""
+"""Effects that count however small the mean gap is, because they show in single samples."""
 
 
 class Withheld(NamedTuple):
-    """What is true of an effect that is in no catalogue."""
+    """Label of an effect that is in no catalogue."""
 
     kind: str
     form: str
     drive: str
-    """What its extra wrench follows: one of the drives of a diagnosis' terms."""
+    """Quantity on which the extra wrench depends: one of the drives of a diagnosis's terms."""
     equivalent: tuple[str, ...]
-    """Drives that say the same by physics."""
+    """Drives that are physically equivalent."""
     catalogue_twins: tuple[str, ...]
-    """Effects of the catalogue that are nearly the same."""
+    """Catalogue effects that are nearly the same."""
     frame: str
     acts_as: str
     coefficients: dict[str, Any]
-    """Unit -> number or numbers, where one says it all."""
+    """Unit -> number or numbers, if one coefficient describes the effect completely."""
     oracle_shrink: float | None
-    """Of who knows the extra wrench exactly; None where there is no mean gap."""
+    """Shrink of an oracle that subtracts the extra wrench exactly; None without a mean gap."""
     unseen: bool
 
 
 class Label(NamedTuple):
-    """What is true of one log."""
+    """True effects and noise of one log."""
 
     effects: dict[str, dict[str, Any]]
-    """Name -> parameters as the maker of the log has them; empty = nothing was done."""
+    """Name -> parameters as defined by the generator of the log; empty = no effect was applied."""
     forms: dict[str, str]
-    """Functional form of each effect, where the maker tells."""
+    """Functional form of each effect, if the generator states it."""
     gap_sigmas: float
-    """Rms over the channels of what the effects change in the reading, in noise sigmas; a line in time taken out."""
+    """Rms over the channels of the effects' change of the reading, in noise sigmas, after removing a linear trend."""
     sigma: tuple[float, ...]
-    """(6,) N, Nm, the noise of one sample."""
+    """(6,) N, Nm, standard deviation of the noise of one sample."""
     withheld: Withheld | None = None
-    """Of a log of a withheld kind."""
+    """Label of the effect in a log of a withheld kind; None in other logs."""
 
     @property
     def name(self) -> str:
-        """The effects in one word."""
+        """Names of the effects joined by "+", or "none"."""
         return "+".join(self.effects) or "none"
 
     @property
     def group(self) -> str:
-        """The rule it is scored by: none, unlisted, pair, faint or single."""
+        """Group that selects the scoring rule: none, unlisted, pair, faint or single."""
         if not self.effects:
             return "none"
         if any(effect not in CATALOGUE for effect in self.effects):
@@ -73,10 +73,10 @@ class Label(NamedTuple):
 
 
 def read_labels(folder: Path, logs: Sequence[str]) -> dict[str, Label]:
-    """The labels of the logs of these names.
+    """Read the labels of the named logs.
 
     Raises:
-        LogError: there is no truth.json, it is not what it should be, or a log is not in it.
+        LogError: truth.json is missing or malformed, or lacks a log.
     """
     path = folder / "truth.json"
     try:
@@ -120,10 +120,10 @@ def _withheld(effects: Mapping[str, Any], forms: Mapping[str, str], entry: Mappi
 
 
 def true_parameters(label: Label, effect: str) -> dict[str, Any]:
-    """The true parameters of an effect, as the catalogue defines them; NaN = nothing can be said.
+    """Return the true parameters of an effect as the catalogue defines them; NaN = unknown.
 
-    Left out is what has no counterpart: the one time constant of two exponentials, the size of spikes of all sizes, the
-    force of a contact that turns with the tool (the catalogue's is fixed in the base frame).
+    Parameters without a counterpart are omitted: the time constant of two exponentials, the size of spikes of varying
+    size, and the force of a contact that rotates with the tool (the catalogue's is fixed in the base frame).
     """
     return _CONVERSIONS[effect](label.effects[effect], label.forms.get(effect, ""), label)
 
@@ -132,7 +132,7 @@ Conversion = Callable[[dict[str, Any], str, Label], dict[str, Any]]
 
 
 def _renamed(**names: str) -> Conversion:
-    """Parameters that differ in their names only: the catalogue's name -> the label's."""
+    """Conversion of parameters that differ only in name, given as catalogue name = label name."""
     return lambda values, form, label: {ours: values[theirs] for ours, theirs in names.items() if theirs in values}
 
 
@@ -141,7 +141,7 @@ def _mount_rotation(values: dict[str, Any], form: str, label: Label) -> dict[str
 
 
 def _rotation_vector(R: Array) -> Array:
-    """(3,) rad whose turn is R (3, 3), by less than half a turn."""
+    """Rotation vector (3,) rad of R (3, 3), for angles below half a turn."""
     axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2  # times the sine of the angle
     sine = np.linalg.norm(axis)
     return axis if sine == 0 else axis / sine * np.arctan2(sine, (np.trace(R) - 1) / 2)
@@ -214,4 +214,4 @@ _CONVERSIONS: dict[str, Conversion] = {
     "dropped_samples": _renamed(rate="rate"),
     "vibration": _renamed(variance="variance"),
 }
-"""An effect that joins the catalogue needs a line here to have its parameters scored."""
+"""Conversion by effect; a new effect of the catalogue needs an entry for its parameters to be scored."""

@@ -1,4 +1,4 @@
-"""Fitted parameters against the true ones: errors, and whether the standard errors are honest."""
+"""Comparison of fitted with true parameters: errors, and whether the standard errors cover them."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from ftbias_jax.types import Array
 from validation.labels import Label, true_parameters
 
 WITHIN = 3.0
-"""Standard errors."""
+"""Number of standard errors within which a true value counts as covered."""
 
 
 class Compared(NamedTuple):
-    """One parameter of one diagnosis; numbers (N,) for which a standard error is stated and a truth known."""
+    """One parameter of one diagnosis: its (N,) numbers that have a stated standard error and a known true value."""
 
     effect: str
     parameter: str
     error: Array
-    """Fitted minus true, in the units of the catalogue."""
+    """Fitted minus true value, in the units of the catalogue."""
     stderr: Array
     missed: int = 0
-    """Events of which nothing was found, each as bad as a number that is far off."""
+    """Number of true events or joints that were not found; each counts as a number outside three standard errors."""
 
     @property
     def inside(self) -> Array:
-        """(N + missed,) whether the truth lies within three standard errors."""
+        """(N + missed,) whether the true value is within three standard errors."""
         return np.concatenate([np.abs(self.error) <= WITHIN * self.stderr, np.zeros(self.missed, bool)])
 
 
 def compare(label: Label, said: Mapping[str, Any]) -> list[Compared]:
-    """The parameters of all causes that are true ones; a twin's parameters mean something else.
+    """Compare the parameters of all causes that are true; a twin's parameters have a different meaning.
 
-    A number with a standard error of 0 (or none) is one that the diagnosis did not fit, and is not compared. The number
-    of a joint has no error, and makes the offset of another joint a miss.
+    A number with a standard error of 0 (or none) was not fitted by the diagnosis and is not compared. A joint's index
+    has no error; if it is wrong, its offset counts as missed.
     """
     found = []
     for cause in said["causes"]:
@@ -57,7 +57,7 @@ def compare(label: Label, said: Mapping[str, Any]) -> list[Compared]:
 
 
 def numbers(said: Any, stderr: Any, true: Any) -> tuple[Array, Array]:
-    """Errors and standard errors (N,) of the numbers that can be compared; JSON has null for what is not finite."""
+    """Errors and standard errors (N,) of the numbers that can be compared; JSON has null for non-finite numbers."""
     value, spread, truth = (np.array(x, float).ravel() for x in (said, stderr, true))
     value, spread, truth = np.broadcast_arrays(value, spread, truth)
     usable = np.isfinite(value) & np.isfinite(truth) & (spread > 0)
@@ -65,7 +65,7 @@ def numbers(said: Any, stderr: Any, true: Any) -> tuple[Array, Array]:
 
 
 def _compare_events(cause: Mapping[str, Any], true: Mapping[str, Any]) -> list[Compared]:
-    """Each true contact against the fitted one that overlaps it most."""
+    """Compare each true contact with the fitted contact that overlaps it most."""
     start, end = (np.array(cause["parameters"][name], float) for name in ("start", "end"))
     pairs, missed = [], 0
     for i, (begin, last) in enumerate(zip(true["start"], true["end"], strict=True)):
@@ -82,7 +82,7 @@ def _compare_events(cause: Mapping[str, Any], true: Mapping[str, Any]) -> list[C
 
 
 def _of_events(said: Any, stderr: Any, true: Array, pairs: list[tuple[int, int]]) -> tuple[Array, Array]:
-    """Errors and standard errors of one parameter of events, given as pairs (number of the true, of the fitted one)."""
+    """Errors and standard errors of one event parameter; ``pairs``: (index of the true event, of the fitted event)."""
     sides = [numbers(said[fitted], stderr[fitted], true[event]) for event, fitted in pairs]
     empty = np.zeros(0)
     return np.concatenate([empty, *(side[0] for side in sides)]), np.concatenate([empty, *(side[1] for side in sides)])

@@ -1,4 +1,4 @@
-"""Two checks of a diagnosis on a labelled set: with the whole catalogue, and with the true effect left out of it."""
+"""Two protocols on a labelled set: diagnosis with the whole catalogue, and with the true effect removed from it."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from validation.runs import Task, diagnose_all, read_verdicts, verdict_path
 
 
 class Score(NamedTuple):
-    """What came out."""
+    """Result of a protocol."""
 
     text: str
     """Tables for a reader."""
     content: dict[str, Any]
     """The same and more for programs."""
     troubles: Mapping[str, str]
-    """Log -> why it has no diagnosis."""
+    """Log -> reason why it has no diagnosis."""
     losses: tuple[str, ...] = ()
-    """What was left out of the logs, a line each."""
+    """Messages about samples that were left out of the logs."""
 
 
 def withheld(folder: Path, logs: Sequence[Path], out: Path, jobs: int) -> Score:
-    """Diagnose every log with its setup alone; then open the labels, and score.
+    """Diagnose every log from the log and its setup alone, then open the labels and score.
 
     Args:
-        folder: of the set.
-        logs: of it.
+        folder: folder of the set.
+        logs: logs of the set.
         out: folder of the verdicts.
         jobs: processes.
 
@@ -46,9 +46,9 @@ def withheld(folder: Path, logs: Sequence[Path], out: Path, jobs: int) -> Score:
 
 
 def leave_one_out(folder: Path, logs: Sequence[Path], out: Path, jobs: int) -> Score:
-    """Diagnose every log of one listed effect that is not faint, with that effect out of the catalogue.
+    """Diagnose every log of one catalogue effect that is not faint, with that effect removed from the catalogue.
 
-    Which effect to leave out is all that a diagnosis is told of the label. Arguments and errors as ``withheld``.
+    The diagnosis uses the label only to remove this effect. Arguments and errors are those of ``withheld``.
     """
     labels = read_labels(folder, [log.stem for log in logs])
     asked = {log: label for log in logs if (label := labels[log.stem]).group == "single"}
@@ -64,7 +64,7 @@ def leave_one_out(folder: Path, logs: Sequence[Path], out: Path, jobs: int) -> S
 
 
 def _second(log: Path) -> Path | None:
-    """The log of another motion that a set of unlisted kinds has of the same robot and effect."""
+    """Second log with the same robot and effect in another motion, which sets of unlisted kinds contain; else None."""
     path = log.parent / "second" / log.name
     return path if path.exists() else None
 

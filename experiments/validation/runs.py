@@ -1,4 +1,4 @@
-"""Diagnoses of many logs, each seen with its setup alone; a verdict that is there already is kept."""
+"""Diagnoses of many logs, each from the log and its setup alone; existing verdicts are kept."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ KILLED = "its process was killed: too little memory? (give it more, or fewer --j
 
 
 class Task(NamedTuple):
-    """One diagnosis: all that a process is told."""
+    """Everything that a process needs for one diagnosis."""
 
     log: Path
     setup: Path
     without: tuple[str, ...]
-    """Effects that may not be named."""
+    """Effects that are removed from the catalogue."""
     verdict: Path
-    """Where to write it."""
+    """File for the diagnosis."""
     second: Path | None = None
-    """Another log of the same robot and effect: how far it shrinks with what was found applied is written, too."""
+    """Another log of the same robot and effect; its shrink with the findings applied is written as well."""
 
 
 def find_logs(folder: Path) -> list[Path]:
-    """The logs of a set, in order.
+    """Return the logs of a set in order.
 
     Raises:
-        LogError: there are none, or one lacks its setup.
+        LogError: the set has no logs, or a log lacks its setup.
     """
     logs = sorted(folder.glob("log_*.npz"))
     if not logs:
@@ -59,22 +59,22 @@ def find_logs(folder: Path) -> list[Path]:
 
 
 def verdict_path(out: Path, log: Path) -> Path:
-    """The file of a log's verdict in the folder of the verdicts."""
+    """Path of a log's verdict in the folder of the verdicts."""
     return out / f"{log.stem}.json"
 
 
 def diagnose_all(tasks: Sequence[Task], jobs: int, report: Callable[[int], None]) -> dict[str, str]:
-    """Diagnose all that have no verdict yet.
+    """Diagnose all logs that have no verdict yet.
 
-    Several logs in one process share its compiled programs, so the first is slow and the others are not.
+    Logs in one process share its compiled programs, so only the first one is slow.
 
     Args:
-        tasks: what to do.
-        jobs: processes; 1 = this one.
-        report: called with the number of tasks that are done.
+        tasks: diagnoses to make.
+        jobs: number of processes; 1 = this process.
+        report: called with the number of finished tasks.
 
     Returns:
-        Name of a log -> why there is no diagnosis of it.
+        Name of a log -> reason why it has no diagnosis.
 
     Raises:
         OutputError: the verdicts' folder cannot be made.
@@ -91,7 +91,7 @@ def diagnose_all(tasks: Sequence[Task], jobs: int, report: Callable[[int], None]
 
 
 def diagnose_one(task: Task) -> str:
-    """Diagnose one log and write its verdict with the seconds it took; returns why not, or ""."""
+    """Diagnose one log and write its verdict and run time in s; returns "" or the reason for a failure."""
     start = time.perf_counter()
     try:
         setup = load_setup(task.setup)
@@ -100,14 +100,14 @@ def diagnose_one(task: Task) -> str:
         if task.second is not None:
             said["second"] = {"shrink": shrink_of(task.second, setup, diagnosis.apply(setup))}
         write_json(task.verdict, said)
-    except Exception as error:  # one bad log must not cost the others
+    except Exception as error:  # one bad log must not prevent the diagnosis of the others
         last = traceback.extract_tb(error.__traceback__)[-1]
         return f"{type(error).__name__}: {error} ({Path(last.filename).name}, line {last.lineno})"
     return ""
 
 
 def shrink_of(path: Path, setup: Setup, mended: Setup) -> float:
-    """Share of a log's mean square gap that a mended setup removes; nothing is fitted to the log."""
+    """Share of a log's mean square gap that a corrected setup removes; nothing is fitted to the log."""
     if mended.effects == setup.effects:
         return 0.0
     before, after = (gap_of(stated, read_log(path, stated, raw=True)) for stated in (setup, mended))
@@ -122,10 +122,10 @@ def gap_of(setup: Setup, log: Log) -> float:
 
 
 def read_verdicts(tasks: Sequence[Task]) -> dict[str, dict[str, Any]]:
-    """Name of a log -> its diagnosis, for those that have one.
+    """Read the existing diagnoses: name of a log -> its diagnosis.
 
     Raises:
-        LogError: a file is no diagnosis.
+        LogError: a file is not a diagnosis.
     """
     verdicts = {}
     for task in tasks:

@@ -1,4 +1,4 @@
-"""The score of a set: as numbers for programs, and as tables for readers."""
+"""Score of a set, as numbers for programs and as tables for readers."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ HONEST = ("unknown", "described", "partly_explained", "twin")
 
 
 def shares(scored: Scored) -> dict[str, Share]:
-    """The score in one list: what is counted -> how often it was so."""
+    """Return the main score: criterion -> share of the logs that meet it."""
     of = _by_group(scored)
     shrinks = [
         said["gap"]["shrink"] >= ORACLE_SHRINK - SHRINK_MARGIN
@@ -55,7 +55,7 @@ def shares(scored: Scored) -> dict[str, Share]:
 
 
 def by_effect(scored: Scored) -> dict[str, Share]:
-    """Single effects and unlisted ones -> how often the diagnosis was right."""
+    """Map each single or unlisted effect to the share of right diagnoses."""
     found: dict[str, list[bool]] = defaultdict(list)
     for label, said in scored.values():
         if label.group in ("single", "unlisted"):
@@ -64,12 +64,12 @@ def by_effect(scored: Scored) -> dict[str, Share]:
 
 
 def confusion(scored: Scored) -> Counter[tuple[str, str]]:
-    """(what it was, what it was called) of every diagnosis."""
+    """Count the pairs (true effects, reported effects or verdict) over all diagnoses."""
     return Counter((label.name, called(said)) for label, said in scored.values())
 
 
 def parameter_table(scored: Scored) -> dict[tuple[str, str], dict[str, Any]]:
-    """(effect, parameter) -> diagnoses, median size of the error, of the error in standard errors, share inside."""
+    """(effect, parameter) -> number of diagnoses, median |error| in its unit and in standard errors, share covered."""
     found: dict[tuple[str, str], list[Compared]] = defaultdict(list)
     for label, said in scored.values():
         for one in compare(label, said):
@@ -86,7 +86,7 @@ def parameter_table(scored: Scored) -> dict[tuple[str, str], dict[str, Any]]:
 
 
 def withheld_content(scored: Scored) -> dict[str, Any]:
-    """The whole score for programs."""
+    """Return the score of the protocol ``withheld`` as numbers for programs."""
     kinds = description_tables.judged(scored)
     return {
         "schema": SCHEMA,
@@ -107,7 +107,7 @@ def withheld_content(scored: Scored) -> dict[str, Any]:
 
 
 def withheld_text(scored: Scored) -> str:
-    """The score for a reader: 95 % confidence intervals (Wilson) in brackets."""
+    """Return the score of ``withheld`` as tables, with 95 % confidence intervals (Wilson) in brackets."""
     kinds = description_tables.judged(scored)
     if kinds and len(kinds) == len(scored):
         return "\n".join([description_tables.text(kinds), "", _seconds_words(scored)])
@@ -130,7 +130,7 @@ def withheld_text(scored: Scored) -> str:
 
 
 def left_out_content(scored: Scored) -> dict[str, Any]:
-    """The score of the second protocol for programs."""
+    """Return the score of the protocol ``leave_one_out`` as numbers for programs."""
     rows = [_row(name, label, said) | {"outcome": left_out(label.name, said)} for name, (label, said) in scored.items()]
     return {
         "schema": SCHEMA,
@@ -147,7 +147,7 @@ def left_out_content(scored: Scored) -> dict[str, Any]:
 
 
 def left_out_text(scored: Scored) -> str:
-    """The score of the second protocol for a reader."""
+    """Return the score of the protocol ``leave_one_out`` as tables."""
     outcomes = ("unknown", "described", "partly_explained", "twin", "none", "wrong", "failed")
     lines = [f"{len(scored)} logs, the true effect left out; shares with 95 % confidence intervals", ""]
     lines += [f"{name:46s}{counted}" for name, counted in _left_out_shares(scored).items()]
@@ -165,7 +165,7 @@ def left_out_text(scored: Scored) -> str:
 
 
 def _outcomes(scored: Scored) -> dict[str, Counter[str]]:
-    """Effect that was left out -> how often what became of it."""
+    """Map each effect that was left out to the counts of its outcomes."""
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     for label, said in scored.values():
         counts[label.name][left_out(label.name, said)] += 1
@@ -192,7 +192,6 @@ def _by_group(scored: Scored) -> dict[str, list[tuple[Label, dict[str, Any]]]]:
 
 
 def _row(name: str, label: Label, said: Mapping[str, Any]) -> dict[str, Any]:
-    """One log."""
     return {
         "log": name,
         "true": list(label.effects),

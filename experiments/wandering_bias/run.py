@@ -1,6 +1,6 @@
-"""A bias that wanders more than the setup states: what the filter makes of it, and what the diagnosis says.
+"""Filter error and diagnosis for a bias that wanders more than the setup states.
 
-Each log is filtered with the density that is stated, and with the one that made it; errors are beyond the first tenth.
+Each log is filtered with the stated and with the true noise density; errors are evaluated after its first tenth.
 """
 
 import json
@@ -21,7 +21,7 @@ SEED = 5100
 
 
 def errors(setup, made):
-    """rms error of the bias and coverage of its 95 % intervals, forces and torques in their noise."""
+    """Rms error of the bias in units of the sensor noise, and coverage of its 95 % intervals."""
     result = ft.filter_log(setup, made.log)
     error = (result.bias - made.truth.bias)[len(result.t) // 10 :]
     inside = np.abs(error) < 1.96 * result.bias_std[len(result.t) // 10 :]

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Checks of the generator: MuJoCo against Newton and Euler in NumPy, and what a folder of logs holds.
+"""Checks of the generator: MuJoCo against Newton-Euler equations in NumPy, and logs against their labels.
 
-python check_logs.py            physics: believed wrenches, static weight, a cable, an external force
+python check_logs.py            physics: nominal wrenches, static weight, a cable, an external force
 python check_logs.py OUT        the same, then: logs against setup and label, gap of every effect
 """
 
@@ -26,15 +26,26 @@ from validation.generator.motion import KINDS, random_motion
 from validation.generator.nominal_model import Tool, random_belief
 from validation.generator.world import Cable, cable_length, nominal_world, time_grid, wrench
 
-TOLD = {"none", "tool_mass", "tool_com", "tool_inertia", "gravity_tilt", "encoder_offset", "mount_rotation"}
-TOLD |= {"gain", "crosstalk"}
+STATIC_LINEAR_EFFECTS = {
+    "none",
+    "tool_mass",
+    "tool_com",
+    "tool_inertia",
+    "gravity_tilt",
+    "encoder_offset",
+    "mount_rotation",
+}
+STATIC_LINEAR_EFFECTS |= {"gain", "crosstalk"}
 
 
 def sensor_poses(axes: Floats, points: Floats, zero: tuple[Floats, Floats], q: Floats) -> tuple[Floats, Floats]:
-    """Rotations (T, 3, 3) and positions (T, 3) m of the sensor for q (T, n) rad, one turn about a line after the other.
+    """Rotations (T, 3, 3) and positions (T, 3) m of the sensor for q (T, n) rad, by successive turns about the axes.
 
     Args:
-        axes, points: (n, 3) joint axes at q = 0. zero: position and rotation of the sensor at q = 0. q: (T, n).
+        axes: (n, 3) directions of the joint axes at q = 0.
+        points: (n, 3) m, points on the joint axes at q = 0.
+        zero: position (3,) m and rotation (3, 3) of the sensor at q = 0.
+        q: (T, n) rad, joint positions.
     """
     position, rotation = np.tile(zero[0], (len(q), 1)), Rotation.from_matrix(np.tile(zero[1], (len(q), 1, 1)))
     for axis, point, angle in list(zip(axes, points, q.T, strict=True))[::-1]:
@@ -55,12 +66,12 @@ def newton_euler(rotation: Floats, position: Floats, tool: Tool, gravity: Floats
 
 
 def _derivative(x: Floats, dt: float) -> Floats:
-    """Fourth-order central difference along the first axis; the two values at either end are worthless."""
+    """Fourth-order central difference along the first axis; the two values at either end are invalid."""
     return (8 * (np.roll(x, -1, 0) - np.roll(x, 1, 0)) - np.roll(x, -2, 0) + np.roll(x, 2, 0)) / (12 * dt)
 
 
 def check_physics(seeds: int = 8) -> None:
-    """Believed wrenches of random robots by both routes; prints the largest difference relative to the wrench."""
+    """Compare nominal wrenches of random robots by both methods; prints the largest relative difference."""
     worst = 0.0
     for seed in range(seeds):
         rng = np.random.default_rng(seed)
@@ -74,15 +85,15 @@ def check_physics(seeds: int = 8) -> None:
         expected = newton_euler(rotation, position, belief.tool, belief.gravity, t[1] - t[0])
         inner = slice(5, -5)
         difference = np.abs(simulated - expected)[inner] / np.abs(expected[inner]).max(0)
-        worst = max(worst, float(np.quantile(difference, 0.98)))  # differences err where a move starts: its jerk jumps
+        worst = max(worst, float(np.quantile(difference, 0.98)))  # finite differences are wrong where the jerk jumps
     print(f"MuJoCo against Newton-Euler, {seeds} robots: largest relative difference {worst:.1e}")
     assert worst < 1e-6
 
 
 def check_static() -> None:
-    """At rest: +m g along z with the sensor upright; less what hangs or pushes from outside."""
+    """Check the reading at rest: +m g along z with the sensor upright, minus external forces and cable pull."""
     belief = replace(random_belief(np.random.default_rng(0)), arm=panda(), gravity=np.array([0, 0, 9.81]))
-    world = replace(nominal_world(belief), mount_rotation=np.eye(3))  # flange z points along gravity's opposite
+    world = replace(nominal_world(belief), mount_rotation=np.eye(3))  # flange z points against gravity
 
     def still(t: Floats) -> tuple[Floats, Floats, Floats]:
         return np.zeros((len(t), 7)), np.zeros((len(t), 7)), np.zeros((len(t), 7))
@@ -102,7 +113,7 @@ def check_static() -> None:
 
 
 def expected_from_files(setup: dict[str, Any], q: Floats, dt: float) -> Floats:
-    """Wrench (T, 6), tool side, that a setup file predicts for evenly spaced joint positions q (T, n)."""
+    """Wrench (T, 6) on the tool that a setup file predicts for evenly spaced joint positions q (T, n)."""
     robot, sensor, tool = setup["robot"], setup["sensor"], setup["tool"]
     if "model" in robot:
         arm = panda()
@@ -118,8 +129,10 @@ def expected_from_files(setup: dict[str, Any], q: Floats, dt: float) -> Floats:
     return newton_euler(*sensor_poses(axes, points, zero, q), body, np.array(robot["gravity"]), dt)
 
 
-def told(setup: dict[str, Any], effects: dict[str, Any], q: Floats) -> tuple[dict[str, Any], Floats, Floats]:
-    """Setup, joint positions (T, n) rad and a matrix (6, 6) on the wrench, once the static, linear labels are known."""
+def with_labels_applied(
+    setup: dict[str, Any], effects: dict[str, Any], q: Floats
+) -> tuple[dict[str, Any], Floats, Floats]:
+    """Apply static, linear labels; return setup, joint positions (T, n) rad and a matrix (6, 6) for the wrench."""
     setup, q, matrix = copy.deepcopy(setup), q.copy(), np.eye(6)
     for name, value in effects.items():
         match name:
@@ -143,9 +156,9 @@ def told(setup: dict[str, Any], effects: dict[str, Any], q: Floats) -> tuple[dic
 
 
 def residual_sigmas(folder: Path, name: str, label: dict[str, Any], effects: dict[str, Any]) -> Floats:
-    """(6,) rms of the half-second means of reading + true bias - prediction, in noise sigmas; prediction: see ``told``.
+    """Rms (6,) of half-second means of reading + true bias - prediction by ``with_labels_applied``, in noise sigmas.
 
-    White noise leaves 1 / sqrt(samples in half a second); the noise that differentiating encoders makes averages out.
+    White noise leaves 1 / sqrt(samples in half a second); the noise of differentiated encoder positions averages out.
     """
     setup = tomllib.loads((folder / f"{name}.toml").read_text())
     with np.load(folder / f"{name}.npz") as log:
@@ -155,7 +168,7 @@ def residual_sigmas(folder: Path, name: str, label: dict[str, Any], effects: dic
     dt = float(np.median(np.diff(t[joints])))
     window = max(7, round(0.3 / dt) // 2 * 2 + 1)
     smooth = savgol_filter(q[joints], window, 5, axis=0)
-    setup, smooth, matrix = told(setup, effects, smooth)
+    setup, smooth, matrix = with_labels_applied(setup, effects, smooth)
     predicted = expected_from_files(setup, smooth, dt) @ matrix.T
     inside = seen & (t > 1) & (t < label["duration"] - 2)
     bias = np.array(label["bias_1hz"])
@@ -169,11 +182,14 @@ def residual_sigmas(folder: Path, name: str, label: dict[str, Any], effects: dic
 
 
 def check_folder(folder: Path) -> None:
-    """What is left of logs whose labels are static and linear once they are told, then every effect's gap by level."""
+    """Print residuals of logs before and after applying static, linear labels, then every effect's gap by level."""
     labels = json.loads((folder / "truth.json").read_text())
     for name, label in sorted(labels.items(), key=lambda item: list(item[1]["effects"])):
-        if set(label["effects"]) <= TOLD:
-            before, after = (residual_sigmas(folder, name, label, told) for told in ({}, label["effects"]))
+        if set(label["effects"]) <= STATIC_LINEAR_EFFECTS:
+            before, after = (
+                residual_sigmas(folder, name, label, with_labels_applied)
+                for with_labels_applied in ({}, label["effects"])
+            )
             what = "+".join(f"{effect} {label['form'].get(effect, '')}" for effect in label["effects"])
             print(f"{name} {what:34s} {label['timeline']:20s} gap / sigma", before.round(2), "->", after.round(2))
     gaps = defaultdict(list)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The README's picture of a report: the demonstration's, drawn by headless Chromium. python report_picture.py"""
+"""Draw the README's picture of the demonstration's report by headless Chromium. python report_picture.py"""
 
 import shutil
 import subprocess

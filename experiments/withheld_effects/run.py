@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Make a labelled set, diagnose it by both protocols and keep the score: python run.py [FOLDER].
+"""Make a labelled set, diagnose it by both protocols and save the score: python run.py [FOLDER].
 
-FOLDER keeps logs and verdicts, so that a run that was stopped goes on where it was.
+Logs and verdicts are kept in FOLDER, so that an interrupted run can be resumed.
 """
 
 import argparse
@@ -15,10 +15,10 @@ from validation.__main__ import main
 
 
 def score(folder, out, jobs, *options):
-    """Score the set of a folder; the tables without the rows of single logs."""
+    """Score the set of a folder; return the tables without the rows of single logs."""
     path = out / "score.json"
     command = ["score", str(folder), "--out", str(out), "--json", str(path), "--jobs", str(jobs), *options]
-    if main(command) == 1:  # 3: samples were left out, of a stuck axis for one
+    if main(command) == 1:  # 3 is no failure: samples were left out, for example of a stuck axis
         raise SystemExit("a log has no diagnosis")
     content = json.loads(path.read_text())
     del content["rows"]
@@ -26,7 +26,7 @@ def score(folder, out, jobs, *options):
 
 
 def run(folder, count, seed, jobs):
-    """Both protocols on one set."""
+    """Score one set by both protocols."""
     logs = folder / f"seed_{seed}"
     if not (logs / "truth.json").exists() and main(
         ["make", str(logs), "--count", str(count), "--seed", str(seed), "--jobs", str(jobs)]
@@ -48,6 +48,6 @@ if __name__ == "__main__":
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         result = run(asked.folder or Path(temporary), asked.count, asked.seed, asked.jobs)
-    from common import keep  # sets flags of JAX, which the diagnosis is to choose itself
+    from common import keep  # imported late, because it sets flags of JAX that the diagnosis should choose itself
 
     keep(__file__, result)

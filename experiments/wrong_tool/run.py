@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""A tool that is wrong, and one thing more: are both named, is the tool right, and does another log gain by it?
+"""A wrong tool and one further cause: are both named, is the tool right, and does the gap of another log shrink?
 
-python run.py [--count 60] [--seed 1] [--jobs 1] [--rows ROWS.jsonl]. Logs are by MuJoCo (``experiments/validation``):
-of each robot two motions, with the same tool and the same cause. The first is diagnosed and what is found applied to
-the setup; the second says what that is worth.
+python run.py [--count 60] [--seed 1] [--jobs 1] [--rows ROWS.jsonl]. Logs are simulated by MuJoCo
+(``experiments/validation``): two motions per robot, with the same tool and cause. The first log is diagnosed and the
+findings are applied to the setup; the gap of the second log measures their benefit.
 """
 
 import json
@@ -35,20 +35,31 @@ from validation.runs import gap_of
 
 ASKED = ("low_pass", "time_delay", "crosstalk", "vibration", "cable")
 FURTHER = ("gain", "hysteresis", "encoder_offset")
-"""Further causes beside those that are asked for."""
+"""Further causes in addition to those required."""
 FORMS = {"gain": ("one_channel",)}
-"""Forms, where not all: gains of all force channels alike beside an unknown mass are the mass."""
+"""Permitted forms, if not all: equal gains of all force channels are indistinguishable from a wrong mass."""
 TOOL = {"tool_mass", "tool_com"}
 SAME = {"clock_skew": "clock_drift"}
-"""Form of a cause -> what the catalogue calls it: a delay that grows is a clock that drifts."""
+"""Form of a cause -> its effect in the catalogue: a growing delay is a clock drift."""
 LIMITS = Limits((20.0, 40.0), (125.0, 200.0, 250.0, 400.0, 500.0), False)
-TOLD = ("index", "cause", "form", "own_gap", "verdict", "causes", "terms", "tool_within", "cause_named", "second")
+PRINTED_FIELDS = (
+    "index",
+    "cause",
+    "form",
+    "own_gap",
+    "verdict",
+    "causes",
+    "terms",
+    "tool_within",
+    "cause_named",
+    "second",
+)
 TRIES, NEAR = 8, 0.05
-"""Searches for the size of the cause, and how near its gap has to come: a share."""
+"""Largest number of iterations to scale the cause, and relative tolerance of its gap."""
 
 
 def wrong_tool(rng, scene):
-    """The tool as it is: 5 to 25 % heavier or lighter than stated, its centre of mass 5 to 20 mm elsewhere."""
+    """True tool: 5 to 25 % heavier or lighter than stated, its centre of mass displaced by 5 to 20 mm."""
     relative = rng.choice([-1, 1]) * rng.uniform(0.05, 0.25)
     shift = rng.uniform(0.005, 0.02) * Draw(rng, 0).direction()
     stated, grows = scene.belief.tool, rng.uniform() < 0.5
@@ -61,7 +72,7 @@ def wrong_tool(rng, scene):
 
 
 def sized(job, scene, seed, wanted):
-    """The cause, scaled until its own gap is so many noise sigmas; a cause of the noise is as it is drawn."""
+    """The cause, scaled until its own gap has the wanted size in noise sigmas; a noise cause keeps its drawn size."""
     (name,), (form,) = job.names, job.forms
     scale = 1.0 if name in STATISTICAL else 0.3
     for _ in range(TRIES):
@@ -74,7 +85,7 @@ def sized(job, scene, seed, wanted):
 
 
 def make(folder, index, seed):
-    """Write the two logs of a robot; label of the first."""
+    """Write the two logs of a robot; return the label of the first."""
     seeds = np.random.SeedSequence([seed, 29, index]).spawn(12)
     rng = np.random.default_rng(seeds[0])
     cause = (ASKED + FURTHER)[index % len(ASKED + FURTHER)]
@@ -90,7 +101,7 @@ def make(folder, index, seed):
     wanted = rng.uniform(0.5, 3.0)
     tool, (effect, own) = wrong_tool(rng, first), sized(job, first, seeds[8], wanted)
     label, *_ = write_log(folder, "log_000", first, [*tool, effect], timeline, seeds[9])
-    # Vibration is drawn for the motion; all else is a thing of the robot.
+    # Vibration is drawn for each motion, while all other causes are properties of the robot.
     again = sized(job, second, seeds[8], wanted)[0] if cause in STATISTICAL else effect
     write_log(folder, "log_001", second, [*tool, again], timeline, seeds[10])
     (folder / "truth.json").write_text(json.dumps({"log_000": label}))
@@ -98,7 +109,7 @@ def make(folder, index, seed):
 
 
 def one(index, seed):
-    """A robot, what is said of its first log, and what that does to the second."""
+    """Simulate a robot, diagnose its first log, and measure what the diagnosis does to the gap of the second."""
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         made = make(folder, index, seed)
@@ -126,7 +137,7 @@ def one(index, seed):
         "tool_named": all(tool),
         "tool_within": all(x is not None and bool(x.inside.all()) for x in tool),
         "cause_named": any({made["cause"], SAME.get(form)} & names for names in named(said)),
-        "faint": faint(found),
+        "faint": insignificant_parameters(found),
         "off": off,
         "second": [round(before, 4), round(after, 4)],
         "worse": after > before + LEAST_SIGMAS**2,
@@ -134,8 +145,8 @@ def one(index, seed):
     }
 
 
-def faint(found):
-    """Parameters of causes and terms that are named, and within two standard errors of what the setup says already."""
+def insignificant_parameters(found):
+    """Parameters of named causes and terms that are within two standard errors of the value in the setup."""
     told = [
         (f"{cause.effect}.{p.name}", cause.parameters[p.name], cause.stderr[p.name], neutral)
         for cause in found.causes
@@ -152,11 +163,11 @@ def faint(found):
 
 
 def summary(rows):
-    """Shares of the rows, for all and for the causes that are asked for.
+    """Shares over all rows, over the required causes, and over each cause.
 
-    ``cause_named``: itself, or as one of at most three twins that a cause declares; ``cause_itself``: without twins.
-    ``more_named``: something else beside tool and cause. ``faint``: a number that is named is within two standard
-    errors of what the setup says.
+    ``cause_named``: named itself, or as one of at most three twins of a named cause; ``cause_itself``: without twins.
+    ``more_named``: something is named beside tool and cause. ``faint``: a named parameter is within two standard
+    errors of its value in the setup.
     """
     for row in rows:
         true = {row["cause"], SAME.get(row["form"])}
@@ -171,9 +182,8 @@ def summary(rows):
 
 
 def main():
-    """Rows of all robots, and their summary."""
-    seed, rows = by_rows(one, __doc__, 60, lambda row: {key: row[key] for key in TOLD})
-    from common import keep  # sets flags of JAX, which the diagnosis is to choose itself
+    seed, rows = by_rows(one, __doc__, 60, lambda row: {key: row[key] for key in PRINTED_FIELDS})
+    from common import keep  # imported late, because it sets flags of JAX that the diagnosis should choose itself
 
     keep(__file__, {"seed": seed, **summary(rows), "rows": rows})
 

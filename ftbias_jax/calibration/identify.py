@@ -89,7 +89,7 @@ def identify(
         gravity: also fit the direction of gravity (its magnitude is kept).
     """
     joints = smoothed_joints(params.joint, *samples[:3], model=options.joint_model)
-    quarter = _quarter_turn(params, joints, samples) if mounting else np.eye(3)
+    quarter = _axis_aligned_mounting(params, joints, samples) if mounting else np.eye(3)
     params = _turned(params, quarter)
     moves = [MOUNTING_STD if mounting else FIXED, GRAVITY_STD if gravity else FIXED]
     if isinstance(params.arm, FreeBody) and samples.q.shape[1] == len("wxyz"):
@@ -149,7 +149,7 @@ def _identified(
     gravity: bool,
 ) -> Identified:
     x, std = jnp.asarray(found.x), found.prior.std
-    slope = physical.slope_of_physical(found.x)
+    slope = physical.jacobian_of_physical(found.x)
     honest = physical.total(shown.in_blocks(linear, dt)).scaled(1 / found.dispersion)
     tempered = linear._replace(
         columns=np.einsum("zp,ztc->ptc", slope, linear.columns) / np.sqrt(found.dispersion),
@@ -157,7 +157,7 @@ def _identified(
     )
     normal = slope.T @ honest.information @ slope + np.diag(std**-2.0)
     covariance = innovation_regression.covariance(tempered, dt, normal)
-    to_sheet = np.asarray(physical.slope_of_data_sheet(x))
+    to_sheet = np.asarray(physical.jacobian_of_data_sheet(x))
     stated = without_round_off(physical.data_sheet(params.theta))
     values = np.asarray(physical.data_sheet(jnp.asarray(linear.at[:10])))
     stderr = np.sqrt(np.diag(to_sheet @ covariance @ to_sheet.T))
@@ -171,7 +171,7 @@ def _identified(
     bias_variance = found.dispersion * linear.bias_variance + np.einsum("ap,pq,aq->a", to_bias, covariance, to_bias)
     missing = max(0, OF_GRAVITY.stop - len(x))  # rotations that are not fitted are zero, without error
     at, covariance = np.pad(linear.at, (0, missing)), np.pad(covariance, (0, missing))
-    down, to_down = (np.asarray(x) for x in _gravity_and_slope(params.gravity, jnp.asarray(at[OF_GRAVITY])))
+    down, to_down = (np.asarray(x) for x in _gravity_and_jacobian(params.gravity, jnp.asarray(at[OF_GRAVITY])))
     rotation_stderr = np.sqrt(np.diag(covariance)[10:13])
     gravity_stderr = np.sqrt(np.diag(to_down @ covariance[OF_GRAVITY, OF_GRAVITY] @ to_down.T))
     unexcited = [name for name, remark in zip(NAMES, remarks, strict=True) if remark in (KEPT, PULLED)]
@@ -210,7 +210,7 @@ def _remark(name: str, found: shown.Shown, open_: tuple[str, ...]) -> str:
     return PULLED if name in open_ else ""
 
 
-def _quarter_turn(params: Params, joints: Gaussian, samples: Sample) -> np.ndarray:
+def _axis_aligned_mounting(params: Params, joints: Gaussian, samples: Sample) -> np.ndarray:
     """Axis-parallel rotation from which the mounting is searched (``likely_rotation``)."""
     t, std = np.cumsum(np.asarray(samples.dt)), np.sqrt(np.asarray(params.bias.wrench_variance))
     columns = np.asarray(_columns_of_weight(params, joints.mean, samples))
@@ -249,7 +249,7 @@ def _turned_gravity(gravity: Array, turn: Array) -> Array:
 
 
 @keep_program()
-def _gravity_and_slope(gravity: Array, turn: Array) -> tuple[Array, Array]:
+def _gravity_and_jacobian(gravity: Array, turn: Array) -> tuple[Array, Array]:
     """(3,) m/s^2: gravity turned by a rotation vector, and (3, 3) its derivative with respect to that vector."""
     return _turned_gravity(gravity, turn), jax.jacfwd(_turned_gravity, argnums=1)(gravity, turn)
 

@@ -71,7 +71,7 @@ class IdentifyResult:
             raise LogError("the search for the tool did not converge; nothing is written", remedy=remedy)
         channels = self.channels is not None and self.channels.shown
         if all(self.tool.remarks) and not (self.mounting or self.gravity or self.bias or channels):
-            raise LogError("determines nothing of the tool; nothing is written", remedy=remedy)
+            raise LogError("determines no parameter of the tool; nothing is written", remedy=remedy)
         self.setup.save(path, by)
 
     def __str__(self) -> str:
@@ -160,7 +160,7 @@ def identify_tool(
     else:
         log = without_long_pauses(log)
         options = Options(joint_model=setup.joints.model)
-        params = params_for_log.likeliest_params(setup, samples_from_log(log), options)
+        params = params_for_log.max_likelihood_params(setup, samples_from_log(log), options)
 
         def fit(log: Log) -> Identified:
             samples = params_for_log.useful_samples(log, params)
@@ -227,8 +227,8 @@ def _comments(found: Identified, mounting: bool, gravity: bool, bias: bool) -> d
     comments = {}
     for key, rows in (("mass", slice(0, 1)), ("center_of_mass", slice(1, 4)), ("inertia", slice(4, 10))):
         errors, remarks = found.stderr[rows], [remark for remark in found.remarks[rows] if remark]
-        told = "" if np.isnan(errors).all() else f"identified ± {plain_errors(errors)}"
-        comments[f"tool.{key}"] = "; ".join(x for x in (told, *dict.fromkeys(remarks)) if x)
+        identified = "" if np.isnan(errors).all() else f"identified ± {plain_errors(errors)}"
+        comments[f"tool.{key}"] = "; ".join(x for x in (identified, *dict.fromkeys(remarks)) if x)
     if mounting:
         turned = with_errors(found.rotation, found.rotation_stderr)
         comments["sensor.rotation_rpy"] = f"turned by the identified {turned}"

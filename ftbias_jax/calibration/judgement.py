@@ -41,7 +41,7 @@ STILL = 0.02
 """rad/s: joints that never move faster are at rest."""
 LEAST_LOSS = 1.0
 """nats/s on held-out data; a smaller loss is negligible."""
-STRETCHES = 8
+SEGMENTS = 8
 """Number of segments of each log's held-out end; the standard error of a score is from the scatter over them."""
 SURE = 2.0
 """Number of standard errors; a smaller loss is chance."""
@@ -132,7 +132,7 @@ def held_out_samples(
         rest = jax.jit(jax.vmap(after, (None, None, 0)))
 
         def in_stretches(params: Params, log: Sample, seconds: float) -> Array:
-            begins = np.linspace(min(BURN_IN, seconds), seconds, STRETCHES, endpoint=False)
+            begins = np.linspace(min(BURN_IN, seconds), seconds, SEGMENTS, endpoint=False)
             return -np.diff(np.asarray(rest(params, log, begins)), append=0.0)
 
         nats = [

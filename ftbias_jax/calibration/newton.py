@@ -38,7 +38,7 @@ SMALL_GAIN = 1e-3
 """nats; converged when the next step promises less: 0.05 standard errors. That step is taken without evaluation."""
 SMALL_GAIN_OF_PARTS = 0.1
 """nats; the optimum of a part of the data is some standard errors from that of all data, so it need not be exact."""
-HARDLY_A_GAIN = 1e-6
+TINY_GAIN = 1e-6
 """nats, with products and sums of parameters: a remaining gradient would give undetermined directions a curvature."""
 GROWTH = 16
 UNDETERMINED = 1.0
@@ -81,7 +81,7 @@ class _Point(NamedTuple):
     """(P, P) negative Hessian."""
 
 
-class _Climb(NamedTuple):
+class _Ascent(NamedTuple):
     """Result of Newton iterations."""
 
     at: _Point
@@ -154,13 +154,13 @@ def maximise(
     counts = [fewest * GROWTH**i for i in range(len(parts)) if fewest * GROWTH**i < len(parts)] + [len(parts)]
     smalls = [SMALL_GAIN_OF_PARTS] * (len(counts) - 1) + [small]
     climbs = [
-        _climb(partial(_evaluate, score, parts[: counts[0]], index, total, executor), z, smalls[0], report)
+        _ascend(partial(_evaluate, score, parts[: counts[0]], index, total, executor), z, smalls[0], report)
         for z in starts
     ]
     best = max(climbs, key=lambda climb: _finite(climb.at.value))
     agreeing = sum(climb.at.value > best.at.value - 2 * smalls[0] for climb in climbs)
     for count, small in zip(counts[1:], smalls[1:], strict=True):
-        best = _climb(partial(_evaluate, score, parts[:count], index, total, executor), best.beyond, small, report)
+        best = _ascend(partial(_evaluate, score, parts[:count], index, total, executor), best.beyond, small, report)
     stderr = standard_errors(best.at.information)
     reached = best.at.information, best.at.value, best.iterations, best.converged
     return Optimum(best.beyond, stderr, *reached, len(climbs), agreeing)
@@ -198,22 +198,22 @@ def standard_errors(information: np.ndarray) -> np.ndarray:
     return np.where(touched, np.inf, np.sqrt(variance))
 
 
-def _climb(evaluate: Callable[[np.ndarray], _Point], start: np.ndarray, small: float, report: Report) -> _Climb:
+def _ascend(evaluate: Callable[[np.ndarray], _Point], start: np.ndarray, small: float, report: Report) -> _Ascent:
     """Newton iterations until the next step promises less than ``small``."""
     here = evaluate(start)
     for iteration in range(1, MAX_ITERATIONS + 1):
         step, gain = _ascent(here.slope, here.information)
         if gain < small:
-            return _Climb(here, here.z + step, iteration, True)
+            return _Ascent(here, here.z + step, iteration, True)
         for shortening in range(SHORTENINGS + 1):
             there = evaluate(here.z + SHORTEN**shortening * step)
             if _finite(there.value) > _finite(here.value):
                 break
         else:  # rounding errors exceed the remaining gain
-            return _Climb(here, here.z, iteration, gain < 1e-2)
+            return _Ascent(here, here.z, iteration, gain < 1e-2)
         here = there
         report(iteration, here.value)
-    return _Climb(here, here.z, MAX_ITERATIONS, False)
+    return _Ascent(here, here.z, MAX_ITERATIONS, False)
 
 
 def _finite(value: float) -> float:

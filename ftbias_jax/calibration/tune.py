@@ -200,7 +200,7 @@ def fit_common(
         every,
         search.report,
         leading=len(parts),
-        small=newton.HARDLY_A_GAIN,
+        small=newton.TINY_GAIN,
         executor=search.executor,
     )
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.calibration import newton
-from ftbias_jax.calibration.judgement import STRETCHES
+from ftbias_jax.calibration.judgement import SEGMENTS
 from ftbias_jax.calibration.newton import Report, Search
 from ftbias_jax.calibration.noise.score import WrenchLogs
 from ftbias_jax.calibration.noise.values import TIES
@@ -27,7 +27,7 @@ from ftbias_jax.filtering.noise.contact import in_contact
 from ftbias_jax.filtering.noise.fit_noise import expected, prior_with
 from ftbias_jax.filtering.noise.log_noise import LogNoise
 from ftbias_jax.filtering.noise.scatter import HEAVY
-from ftbias_jax.filtering.noise.slow_noise import coarseness, coarser, nats_of
+from ftbias_jax.filtering.noise.slow_noise import coarseness, join_blocks, nats_of
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params
@@ -124,7 +124,7 @@ def _unseen_nats(before: Params, params: Params, log: LogInBlocks, share: float)
     rate = None if bias.drift_time is None else 1 / np.asarray(bias.drift_time, float)[None]
     grid = Grid(np.ones((1, 6)), std[None], time[None])
     found = filter_series(t, y, variance, grid, prior_std.reshape(2, 6), np.asarray(bias.density, float), rate)
-    edges = np.linspace(t[0] + share * (t[-1] - t[0]), t[-1], STRETCHES + 1)
+    edges = np.linspace(t[0] + share * (t[-1] - t[0]), t[-1], SEGMENTS + 1)
     edges[-1] = np.inf
 
     def within(begin: float, end: float) -> float:
@@ -178,7 +178,7 @@ def as_series(log: LogInBlocks, sensor: Array, params: Params) -> Series:
     white = blocks.stated if noise.vibration is None else noise.vibration.variance(blocks, sensor)
     y = np.where(touched[:, None], np.nan, blocks.mean - expected(blocks.t, params.bias))
     variance = np.where(np.isfinite(y), white / np.maximum(blocks.count, 1), np.nan)
-    _, t, y, variance = coarser(Means(seconds, blocks.t, y, variance), blocks.number)
+    _, t, y, variance = join_blocks(Means(seconds, blocks.t, y, variance), blocks.number)
     kept = len(blocks.t) // coarseness(len(blocks.t))  # rows after those are empty
     t, y, variance = (np.asarray(x)[:kept] for x in (t, y, variance))
     return Series(t, y, variance, np.asarray(prior_with(params.bias, noise.offset)))

@@ -14,7 +14,7 @@ import numpy as np
 from ftbias_jax.calibration.judgement import WORSE
 from ftbias_jax.calibration.tune_blocks import LogInBlocks, as_series, look_at_each, pooled
 from ftbias_jax.calibration.tune_drift import LEAST_GAIN, Drift, score, stated_drift
-from ftbias_jax.filtering.method.look import InBlocks, log_in_blocks, look_in
+from ftbias_jax.filtering.method.look import InBlocks, log_in_blocks, noise_of_blocks
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params
@@ -32,7 +32,7 @@ ROUNDS = 4
 """Number of corrections of the sensor noise, because the change that one of them finds is bounded."""
 
 
-def near_the_level(params: Params, logs: Sequence[Log], wanted: Collection[str], options: Options) -> Params:
+def start_from_observed_level(params: Params, logs: Sequence[Log], wanted: Collection[str], options: Options) -> Params:
     """Parameters whose sensor noise and drift are at the level that the logs show; unchanged where they already are.
 
     Args:
@@ -93,7 +93,7 @@ def _scored(params: Params, logs: Sequence[InBlocks]) -> tuple[Array, Array]:
     Returns:
         (6,) nats, less the penalty for the slow errors, and (H, 6) N^2, Nm^2 mean squared errors of forecasts.
     """
-    looked = [LogInBlocks(*look_in(params.bias, log)) for log in logs]
+    looked = [LogInBlocks(*noise_of_blocks(params.bias, log)) for log in logs]
     std, time = params.bias.correlated_std, params.bias.correlated_time
     if std is None or time is None:
         std, time = pooled([log.noise for log in looked])

@@ -31,7 +31,7 @@ MOST_SAMPLES = 1 << 16
 """Samples of all logs together, each from its start: they give a variance to a percent, more would take minutes."""
 LEAST_SPEED = next(each.lower for each in CATALOGUE[VIBRATION].parameters if each.name == "speed")
 """rad/s: smallest speed that a setup can state."""
-WILD = 6.0
+OUTLIER_STD = 6.0
 """Standard deviations, with the noise that the blocks show, beyond which a reading is left out as an outlier."""
 
 
@@ -72,7 +72,7 @@ def tune_motion(
     longest = max(len(log.dt) for log in shortened)
     stacked = [stack([log], longest) for log in shortened]
     smoothed = newton.for_each(partial(smoothed_wrenches, started, options=options, moving=True), stacked)
-    return fit_motion(params, newton.for_each(partial(_without_wild, started), smoothed), shown, ties, report)
+    return fit_motion(params, newton.for_each(partial(_without_outliers, started), smoothed), shown, ties, report)
 
 
 def fit_motion(
@@ -90,7 +90,7 @@ def fit_motion(
 
 
 @jax.jit
-def _without_wild(params: Params, logs: WrenchLogs) -> WrenchLogs:
+def _without_outliers(params: Params, logs: WrenchLogs) -> WrenchLogs:
     """The logs without readings whose innovations exceed WILD standard deviations for these parameters."""
 
     def kept(log: WrenchLogs) -> Sample:
@@ -98,7 +98,7 @@ def _without_wild(params: Params, logs: WrenchLogs) -> WrenchLogs:
         start = pipeline.init(params, log.samples)
         inputs = stages.bias_inputs(params, start, log.samples, log.wrench_tool, variance, log.velocity)
         innovation, spread = innovations(bias_model(inputs.density), inputs)
-        wild = jnp.abs(innovation[:, 0]) > WILD * jnp.sqrt(spread[:, 0])
+        wild = jnp.abs(innovation[:, 0]) > OUTLIER_STD * jnp.sqrt(spread[:, 0])
         return log.samples._replace(wrench=jnp.where(wild, jnp.nan, log.samples.wrench))
 
     return logs._replace(samples=jax.vmap(kept)(logs))

@@ -22,7 +22,7 @@ from ftbias_jax.calibration.noise.fit import Tool, tune_data
 from ftbias_jax.calibration.noise.values import JOINT_NAMES, KINDS, TIES, values_from_setup
 from ftbias_jax.calibration.tune import Fit, tune_joints, tune_wrench
 from ftbias_jax.calibration.tune_blocks import LogInBlocks, held_out_blocks, is_correlated, look_at_each, tune_in_blocks
-from ftbias_jax.calibration.tune_levels import near_the_level
+from ftbias_jax.calibration.tune_levels import start_from_observed_level
 from ftbias_jax.calibration.tune_motion import shown_vibration, tune_motion
 from ftbias_jax.calibration.tune_result import TuneResult, comments_of, is_better, reasons_against, with_fit, with_noise
 from ftbias_jax.check.check_setup import require_right
@@ -108,7 +108,7 @@ def tune(
     options = Options(joint_model=setup.joints.model)
     # Only from the fitted part: a setup that had seen the rest could not be improved on there.
     seen_first = _part(arrays_from_log(start or logs[0]), 0, 1 - hold_out)
-    first = params_for_log.likeliest_params(setup, seen_first, options)
+    first = params_for_log.max_likelihood_params(setup, seen_first, options)
     stated = [first, *(params_from_setup(other)._replace(joint=first.joint) for other, _ in tools[1:])]
     samples = [
         [params_for_log.useful_samples(log, params) for log in logs_of_tool]
@@ -125,9 +125,9 @@ def tune(
     tuned = [before._replace(joint=params.joint) for before in stated]
     ties = {"density": "bias", "wrench_std": "sensor"}
     wanted = {name: tie for name, part in ties.items() if part in fit}
-    told = partial(report, "wrench")
-    search = search._replace(report=told)
-    alone, looked, written = total is newton.alone, list[LogInBlocks](), [each for each, _ in tools]
+    report_wrench = partial(report, "wrench")
+    search = search._replace(report=report_wrench)
+    alone, in_blocks, written = total is newton.alone, list[LogInBlocks](), [each for each, _ in tools]
     if "data" in fit:
         parts = [Tool(*x) for x in zip(tuned, seen, strict=True)]
         start_values = values_from_setup(setup)
@@ -135,27 +135,27 @@ def tune(
         tuned, fits["wrench"] = tune_data(parts, everything, start_values, options, search)
     elif wanted:
         counts = [max(1, round((1 - hold_out) * len(log.t))) for log in logs]
-        begun = [log._replace(**params_for_log.rows_of(log, 0, n)) for log, n in zip(logs, counts, strict=True)]
+        fitted_part = [log._replace(**params_for_log.rows_of(log, 0, n)) for log, n in zip(logs, counts, strict=True)]
         if alone:
-            tuned = [near_the_level(tuned[0], begun, wanted, options)]
-            looked = look_at_each(tuned[0], begun, options)
+            tuned = [start_from_observed_level(tuned[0], fitted_part, wanted, options)]
+            in_blocks = look_at_each(tuned[0], fitted_part, options)
             if "density" in wanted:  # written on axes that the logs leave open
                 level = np.asarray(tuned[0].bias.density, float)
                 written = [replace(setup, bias=replace(setup.bias, noise_density=level))]
-        if is_correlated(looked):
-            params, found = tune_in_blocks(tuned[0], looked, tie, list(wanted), told)
+        if is_correlated(in_blocks):
+            params, found = tune_in_blocks(tuned[0], in_blocks, tie, list(wanted), report_wrench)
             fits |= found
         else:
             params, fits["wrench"] = tune_wrench(tuned[0], seen[0], wanted, options, search)
         tuned = [params]
     unseen = [[_part(log, 1 - hold_out, 1) for log in logs_of_tool] for logs_of_tool in samples] if hold_out else []
-    shown, correlated = what_the_logs_show([log.noise for log in looked], logs), is_correlated(looked)
+    shown, correlated = what_the_logs_show([log.noise for log in in_blocks], logs), is_correlated(in_blocks)
     candidates = [(tuned, fits)]
-    vibration = shown_vibration(looked)
+    vibration = shown_vibration(in_blocks)
     if vibration is not None and "sensor" in fit and hold_out:
         # With correlated errors the sample-wise likelihood cannot identify the density of the bias's random walk.
         beside = {} if correlated else wanted
-        params, of_motion = tune_motion(tuned[0], seen[0], vibration, beside, options, told)
+        params, of_motion = tune_motion(tuned[0], seen[0], vibration, beside, options, report_wrench)
         candidates.append(([params], {**fits, "wrench": with_fit(fits.get("wrench"), of_motion)}))
     setups = [
         [
@@ -193,9 +193,15 @@ def _check(
     for other, _ in tools[1:]:
         require_one_robot(tools[0][0], other)
     if len(tools) > 1 and "data" not in fit:
-        raise UsageError("several tools are for Sigma_D", field="fit", remedy="fit data too, or tune each tool alone")
+        raise UsageError(
+            "several tools are only needed to fit Sigma_D", field="fit", remedy="fit data too, or tune each tool alone"
+        )
     if "data" in fit and total is not newton.alone:
-        raise UsageError("data is fitted by one process", field="fit", remedy="leave out data, or the processes")
+        raise UsageError(
+            "Sigma_D (data) can only be fitted in a single process",
+            field="fit",
+            remedy="leave out data, or the processes",
+        )
     if data_noise not in KINDS:
         raise UsageError(f"got {data_noise!r}", field="data_noise", remedy=f"choose from {', '.join(KINDS)}")
     if unknown := [name for name in fit if name not in FIT]:

@@ -128,7 +128,7 @@ def _joints(state: State) -> Iterator[Alternative]:
         words = f"{names[pair[0]]} and {names[pair[1]]} have changed places: give them in the order of the setup"
         yield _moved(state, words, *(x[:, order] for x in (bins.q, bins.dq, bins.ddq)))
     for joint, name in enumerate(names):
-        words = f"{name} moves the other way: turn its sign in the log, or its axis in the setup"
+        words = f"{name} moves the other way: negate its column in the log, or its axis in the setup"
         yield _moved(state, words, *(x * np.where(number == joint, -1, 1) for x in (bins.q, bins.dq, bins.ddq)))
         for angle in (90, 180, -90) if setup.robot.screws[joint, 3:].any() else ():
             words = f"the zero of {name} is {angle} degrees off: add these to it in the log"

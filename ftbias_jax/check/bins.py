@@ -20,7 +20,7 @@ WIDEST = 0.5
 """s; joint samples that are half of this or more apart are poses at rest."""
 MOST = 150_000
 """Maximum number of samples that are binned; of a longer log only some segments are."""
-STRETCH, PIECES = 200, 8
+SEGMENT_BINS, PIECES = 200, 8
 """Consecutive bins per segment, and maximum number of segments, for a log that is too long to be binned as a whole."""
 SPEED, ACCELERATION = 10.0, 50.0
 """rad/s, rad/s^2 or m/s, m/s^2: standard deviations of a very weak prior, which makes sparse bins solvable."""
@@ -99,7 +99,7 @@ def _stretches(log: Log) -> Log:
     """Return the log, or evenly spread segments of it if it has more than MOST samples."""
     if len(log.t) <= MOST:
         return log
-    samples = max(LEAST * STRETCH, round(STRETCH * WIDTH / max(np.median(np.diff(log.t)), 1e-6)))
+    samples = max(LEAST * SEGMENT_BINS, round(SEGMENT_BINS * WIDTH / max(np.median(np.diff(log.t)), 1e-6)))
     pieces = max(1, min(MOST // samples, PIECES))
     is_in = np.zeros(len(log.t), bool)
     for start in np.linspace(0, max(0, len(log.t) - samples), pieces).astype(int):

@@ -10,7 +10,7 @@ import numpy as np
 from ftbias_jax.check import findings, poses
 from ftbias_jax.check.alternatives import all_alternatives
 from ftbias_jax.check.bins import WIDTH, Bins, bins_of, join_bins
-from ftbias_jax.check.contact import UNTOUCHED, is_feigned, stamped, untouched
+from ftbias_jax.check.contact import UNTOUCHED, mimicked_by_contact, stamped, untouched
 from ftbias_jax.check.findings import absence, clocks, named, numbers, of_bias
 from ftbias_jax.check.judge import BAD, TIE, Evidence, best_alternatives, decisively, is_pulled, score, slightly
 from ftbias_jax.check.mounts import mount_in_degrees
@@ -166,7 +166,9 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
         tried = (a for a in all_alternatives(base.state) if not (small and a.mistake in OF_AXES))
         best = best_alternatives(base, tried) or slightly(base, mount_in_degrees(base.state))
         part = untouched(base) if best else None
-        best = [(alternative, result) for alternative, result in best if not is_feigned(part, alternative, result)]
+        best = [
+            (alternative, result) for alternative, result in best if not mimicked_by_contact(part, alternative, result)
+        ]
         moved = None if case.layout.touched or not case.moves else findings.time_offset(base)
         if moved is not None and (not best or score(base, moved[1]) > score(base, best[0][1]) + TIE):
             found.append(clocks(base, first, *moved))

@@ -35,7 +35,7 @@ STILL = 0.02
 """rad/s, m/s; slower joints stand still."""
 AROUND = 20
 """Bins on either side of a step over which the levels around it must hold."""
-STATE_TIMES = "state the times in sensor.rezeroed_at; a check of this log alone tells them to the sample"
+STATE_TIMES = "state the times in sensor.rezeroed_at; check this log on its own to get the times to the sample"
 WINDOW, FEWEST = 0.3, 8
 """s, and wrench samples, on either side of a tare found in bins, within which the step of the reading is sought."""
 
@@ -53,7 +53,7 @@ def stamped(check: Check, setup: Setup, log: Log | Poses) -> Check:
 def _stamped(found: Mistake, setup: Setup, log: Log) -> Mistake:
     if found.mistake != "rezeroed" or "times" not in found.evidence:
         return found
-    new = [round(moment_of_tare(log, t) + log.start, 6) for t in found.evidence["times"]]
+    new = [round(tare_time(log, t) + log.start, 6) for t in found.evidence["times"]]
     words = ", ".join(f"{t:.10g} s" for t in new[:5])
     every = sorted({*new, *setup.sensor.rezeroed_at})
     shown = str(every) if len(every) <= 5 else "these times"
@@ -61,7 +61,7 @@ def _stamped(found: Mistake, setup: Setup, log: Log) -> Mistake:
     return replace(found, evidence={"times": new}, remedy=remedy, setup={"sensor.rezeroed_at": every})
 
 
-def moment_of_tare(log: Log, t: float) -> float:
+def tare_time(log: Log, t: float) -> float:
     """Return the time, s, of the reading's largest step around t, s: midway between the two samples of the step."""
     rows = np.flatnonzero(np.isfinite(log.wrench).all(1))
     first, last = np.searchsorted(log.t[rows], [t - WINDOW, t + WINDOW])
@@ -105,7 +105,7 @@ def untouched(base: Evidence) -> Untouched | None:
     return found if found.size[0] > least and found.left[0] < EXPLAINED * found.size[0] else None
 
 
-def is_feigned(part: Untouched | None, alternative: Alternative, result: Result) -> bool:
+def mimicked_by_contact(part: Untouched | None, alternative: Alternative, result: Result) -> bool:
     """Return whether contact mimics an alternative: it fails where the stated setup is shown to be right."""
     if part is None:
         return False
@@ -117,7 +117,7 @@ def is_feigned(part: Untouched | None, alternative: Alternative, result: Result)
     return bool(fails[list(alternative.groups)].any())
 
 
-def zeroed_on_the_way(base: Evidence) -> Mistake | None:
+def tared_while_recording(base: Evidence) -> Mistake | None:
     """Return the mistake that the sensor was set to zero during the recording; None if it was not."""
     times = tares(base)
     if not times:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.check.contact import ZERO, zeroed_on_the_way
+from ftbias_jax.check.contact import ZERO, tared_while_recording
 from ftbias_jax.check.judge import ABSENT, BAD, GOOD, Evidence, Tried, decisively, score
 from ftbias_jax.check.mounts import LEAST_TURN
 from ftbias_jax.check.regression import squares, without_bias
@@ -41,7 +41,9 @@ def worse_than_raw(base: Evidence) -> bool:
 
 def as_stated(base: Evidence) -> Mistake:
     """Return the mistake that the stated tool is worse than none, whether another tool explains the reading or not."""
-    remedy = "check tool, signs, units and frames of the setup: what is wrong is not on the list of this check"
+    remedy = (
+        "check tool, signs, units and frames of the setup: the mistake is none of those that this check can identify"
+    )
     mended_by: tuple[str, ...] = ("identify",)
     if base.free is not None and (base.free.square < BAD * base.raw).all():
         remedy, mended_by = "another tool explains the reading: ftbias identify", ("identify", "diagnose", "calibrate")
@@ -97,7 +99,7 @@ def time_offset(base: Evidence) -> tuple[float, Result] | None:
 
 def of_bias(base: Evidence) -> Iterator[Mistake]:
     """Yield mistakes of the bias: zeroed while recording or with the tool on, or an offset far outside its prior."""
-    tared = zeroed_on_the_way(base)
+    tared = tared_while_recording(base)
     if tared is not None:
         yield tared
         return

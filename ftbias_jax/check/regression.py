@@ -132,11 +132,11 @@ def fit(D: Array, wrench: Array, tool: Tool, layout: Layout) -> Fit:
     D = D * layout.axes[:, None]
     # Typical magnitude of force and torque without bias, N and Nm, by which the two are weighted.
     scale = np.sqrt(np.median(squares(without_bias(wrench, layout)), 0)) + 1e-9
-    fits = [_concentrated(D, wrench, tool, layout, scale, window) for window in layout.windows()]
+    fits = [_least_trimmed_squares(D, wrench, tool, layout, scale, window) for window in layout.windows()]
     return min(fits, key=lambda fit: float((fit.square / scale**2).sum()))
 
 
-def _concentrated(D: Array, wrench: Array, tool: Tool, layout: Layout, scale: Array, kept: Array) -> Fit:
+def _least_trimmed_squares(D: Array, wrench: Array, tool: Tool, layout: Layout, scale: Array, kept: Array) -> Fit:
     """Least trimmed squares from a window of bins: each fit drops the bins that the previous one fitted worst."""
     errors = np.zeros((len(wrench), 2))
     halves = [layout.block % 2 == part for part in (0, 1)]

@@ -18,7 +18,7 @@ MISTAKES: Mapping[str, str] = {
     "tool_units": "the tool's mass or lengths are in other units than kg and m",
     "joint_convention": "joints of the log have another order, direction or zero than those of the setup",
     "angle_units": "joint angles or the sensor's rotation are in degrees",
-    "force_torque_swapped": "the torque stands where the force should be",
+    "force_torque_swapped": "force and torque are swapped",
     "sensor_axes": "the sensor's axes are turned",
     "quaternion_convention": "the quaternion has another order, or is the inverse",
     "position_frame": "the recorded position has the axes of the body",
@@ -31,7 +31,7 @@ MISTAKES: Mapping[str, str] = {
     "worse_than_raw": "the model makes the reading worse than doing nothing",
 }
 """Name of every detectable mistake -> its description."""
-MOST_TOLD = 4
+MAX_LISTED = 4
 """Maximum number of indistinguishable mistakes listed with a mistake."""
 
 
@@ -68,10 +68,10 @@ class Mistake:
         """The remedy, followed by the mistakes that explain the logs equally well."""
         if not self.alike:
             return self.remedy
-        others = [str(other) for other in self.alike[:MOST_TOLD]]
+        others = [str(other) for other in self.alike[:MAX_LISTED]]
         left = len(self.alike) - len(others)
         more = [f"{left} more in the JSON"] if left else []
-        return "; or, which this motion cannot tell apart: ".join([self.remedy, "; ".join(others + more)])
+        return "; or, indistinguishable in this motion: ".join([self.remedy, "; ".join(others + more)])
 
     def __str__(self) -> str:
         return f"{self.mistake}: {self.told}"

@@ -18,7 +18,7 @@ from ftbias_jax.types import Array
 
 MOST = 900
 """Maximum number of bins that are fitted; of more, evenly spread segments are."""
-STRETCH = 100
+SEGMENT_BINS = 100
 """Bins per segment."""
 FEWEST, FEWEST_POSES = 24, 12
 """Minimum number of bins, and of poses at rest, for any finding."""
@@ -166,8 +166,8 @@ def case_of_bins(setup: Setup, parts: Sequence[Bins], are_poses: bool = False) -
     if len(rows) < (FEWEST if bins.dq.any() or bins.ddq.any() else FEWEST_POSES):
         return None
     if len(rows) > MOST:
-        starts = np.linspace(0, len(rows) - STRETCH, MOST // STRETCH).astype(int)
-        rows = rows[np.unique((starts[:, None] + np.arange(STRETCH)).ravel())]
+        starts = np.linspace(0, len(rows) - SEGMENT_BINS, MOST // SEGMENT_BINS).astype(int)
+        rows = rows[np.unique((starts[:, None] + np.arange(SEGMENT_BINS)).ravel())]
     bins = Bins(*(None if x is None else x[rows] for x in bins))
     case = Case(setup, bins, log[rows], make_layout(bins.t, log[rows], axes))
     return _with_likeliest_tool(case) if setup.tool.unknown else case

@@ -67,7 +67,7 @@ class Imagined:
         theta = within_reach(X.T @ X, X.T @ y, self.state.tool)
         return squares(free - self.columns @ theta).mean(0)
 
-    def is_seen(self, reading: Array, floor: Array | None = None) -> bool:
+    def is_detectable(self, reading: Array, floor: Array | None = None) -> bool:
         """Return whether a mistake that makes the sensor read this (N, 6) would be reported."""
         stated, raw, right = self.of(reading, floor)
         good = GOOD_TOUCHED if self.state.case.layout.touched else GOOD
@@ -111,24 +111,24 @@ def _unseen(imagined: Imagined) -> Iterator[tuple[str, str]]:
     """Yield mistakes possible in any log that would not be reported, each with its remedy."""
     state, M = imagined.state, imagined.wrench
     layout = state.case.layout
-    if not imagined.is_seen(-M):
+    if not imagined.is_detectable(-M):
         angles = ("angle_units",) if next(degrees(state), None) else ()
         joints = OF_JOINTS if state.case.setup.pose is None else ()
         yield from dict.fromkeys(("sign", "wrench_units", "tool_units", *joints, *angles), TURN).items()
-    elif not imagined.is_seen(G * M, G**2 * imagined.floor):
+    elif not imagined.is_detectable(G * M, G**2 * imagined.floor):
         yield "wrench_units", TURN
     if state.specific_force is None:
         down = np.linalg.norm(state.gravity)
         others = [-state.gravity, *(down * axis for axis in np.eye(3) if abs(axis @ state.gravity) < 0.9 * down)]
-        if not all(imagined.is_seen(data_matrices(state.motion, g) @ state.tool.theta) for g in others):
+        if not all(imagined.is_detectable(data_matrices(state.motion, g) @ state.tool.theta) for g in others):
             yield "gravity", TURN
     force = M.reshape(-1, 2, 3)
     if not layout.axes.all():
         yield from dict.fromkeys(("force_torque_swapped", "sensor_axes", "base_frame_wrench"), ALL_AXES).items()
     else:
-        if not imagined.is_seen(M[:, [3, 4, 5, 0, 1, 2]], imagined.floor[::-1]):
+        if not imagined.is_detectable(M[:, [3, 4, 5, 0, 1, 2]], imagined.floor[::-1]):
             yield "force_torque_swapped", TURN
-        if not all(imagined.is_seen((force @ P).reshape(-1, 6)) for P in TURNS):
+        if not all(imagined.is_detectable((force @ P).reshape(-1, 6)) for P in TURNS):
             yield "sensor_axes", TURN
         if not _base_frame_is_seen(imagined):
             yield "base_frame_wrench", TURN

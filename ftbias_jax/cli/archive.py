@@ -27,7 +27,7 @@ from ftbias_jax.fleet.place import Place
 from ftbias_jax.fleet.table import save_table
 from ftbias_jax.io.atomic import make_folder_inside
 from ftbias_jax.io.log import Repairs
-from ftbias_jax.io.remote import check_patterns, forget, from_anywhere, shown
+from ftbias_jax.io.remote import check_patterns, forget, from_anywhere, without_credentials
 from ftbias_jax.io.write import written
 from ftbias_jax.io.write.outputs import CHECK, DIAGNOSIS, PAGE, RESULT, SETUP, check_outputs, check_replaceable
 from ftbias_jax.io.write.provenance import sha256_of
@@ -132,7 +132,9 @@ def for_each_log(
             known, now = before.get(task.output), state_of(task.paths)
             same = is_same(known.state, now, task.paths) if known and known.settings == settings.key else None
             if known and same and (not arguments.verify or is_unchanged(place, known)):
-                entry = known._replace(log=shown(task.log), files=tuple(map(shown, task.files)), state=same)
+                entry = known._replace(
+                    log=without_credentials(task.log), files=tuple(map(without_credentials, task.files)), state=same
+                )
                 entries[task.output] = entry
                 if entry != known:
                     manifest.add_entry(entry)
@@ -198,9 +200,9 @@ def run_tasks(job: Job, tasks: Iterable[Task], jobs: int, executor: str | None =
     all_tasks = named.values()
     for done, entry in _on_cluster(executor, work, all_tasks, jobs) if executor else _here(work, all_tasks, jobs):
         task = named[done.output]
-        killed = printable(f"{shown(task.log)}: {KILLED}")
+        killed = printable(f"{without_credentials(task.log)}: {KILLED}")
         entry = entry or _entry(task, job)._replace(error=killed, done=round(time.time(), 3))
-        yield entry._replace(log=shown(task.log), files=tuple(map(shown, task.files)))
+        yield entry._replace(log=without_credentials(task.log), files=tuple(map(without_credentials, task.files)))
 
 
 def _here(work: Callable[[Task], Entry], tasks: Iterable[Task], jobs: int) -> Iterator[tuple[Task, Entry | None]]:
@@ -250,15 +252,17 @@ def do_task(task: Task, job: Job) -> Entry:
     except FtbiasError as error:
         entry = entry._replace(error=str(error))
     except Exception as error:  # a bug or lack of memory must not stop the other logs
-        entry = entry._replace(error=printable(f"{shown(task.log)}: {type(error).__name__}: {error}"))
+        entry = entry._replace(error=printable(f"{without_credentials(task.log)}: {type(error).__name__}: {error}"))
     forget()
     return entry._replace(seconds=round(time.perf_counter() - started, 4), done=round(time.time(), 3))
 
 
 def _entry(task: Task, job: Job) -> Entry:
     """Entry of a failed log, completed later if the log succeeds."""
-    files = tuple(map(shown, task.files))
-    return Entry(shown(task.log), task.output, job.settings.job, FAILED, settings=job.settings.key, files=files)
+    files = tuple(map(without_credentials, task.files))
+    return Entry(
+        without_credentials(task.log), task.output, job.settings.job, FAILED, settings=job.settings.key, files=files
+    )
 
 
 def _table(entries: Sequence[Entry], skipped: int) -> str:

@@ -47,7 +47,7 @@ def warn(text: str) -> None:
     print(printable(f"warning: {text}"), file=sys.stderr, flush=True)
 
 
-def tell_repairs(logs: Iterable[tuple[str, Repairs]]) -> int:
+def print_repairs(logs: Iterable[tuple[str, Repairs]]) -> int:
     """Print the repairs of every log on standard error; returns the exit code, 3 if samples were lost, else 0.
 
     Args:

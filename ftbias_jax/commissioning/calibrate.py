@@ -60,7 +60,7 @@ ROUNDS = 3
 """Rounds of diagnosis and identification; most logs show nothing more after the first."""
 
 
-class _Road(NamedTuple):
+class _Context(NamedTuple):
     """Logs and helpers that all steps of a calibration share."""
 
     whole: Sequence[Log]
@@ -151,7 +151,9 @@ def calibrate(
         return repeat(state.steps, start, state.setup, logs, names, state.unmoved is not None)
 
     with ThreadPoolExecutor(WORKERS) as worker:
-        first, state, repeating = _walked(_Road(whole, begun, names, hold_out, progress, again, worker), setup, start)
+        first, state, repeating = _run_steps(
+            _Context(whole, begun, names, hold_out, progress, again, worker), setup, start
+        )
     if state.unmoved is not None:
         state = state._replace(setup=as_uncertain(replace(state.setup, tool=state.unmoved), state.beside))
     rows = {GIVEN: first.judged} | ({CALIBRATED: state.judged} if state.setup is not start else {})
@@ -170,7 +172,7 @@ def calibrate(
     return Calibrated(final, state.steps, rows, state.found, tuple(log.repairs for log in whole), seconds, events)
 
 
-def _walked(road: _Road, setup: Setup, start: Setup) -> tuple[_State, _State, Future[Setup | None] | None]:
+def _run_steps(road: _Context, setup: Setup, start: Setup) -> tuple[_State, _State, Future[Setup | None] | None]:
     """Run all steps: the states before and after them, from a setup whose tool may have widened standard errors.
 
     Also returns the repetition of all steps that were kept, if it was begun while a last round found nothing more.
@@ -201,7 +203,7 @@ def _walked(road: _Road, setup: Setup, start: Setup) -> tuple[_State, _State, Fu
     return first, state, None
 
 
-def _with_causes(state: _State, road: _Road) -> _State:
+def _with_causes(state: _State, road: _Context) -> _State:
     """Try the causes that a diagnosis names, and then the terms that it adds; keep them if they predict better."""
     road.progress("diagnosing")
     try:
@@ -227,7 +229,7 @@ def _with_causes(state: _State, road: _Road) -> _State:
     return state
 
 
-def _with_tool(state: _State, road: _Road, kinds: Sequence[str]) -> _State:
+def _with_tool(state: _State, road: _Context, kinds: Sequence[str]) -> _State:
     """Try the tool that the longest log shows, or that and gains and crosstalk; keep them if they predict better."""
     for kind in kinds:
         crosstalk = kind == CHANNELS
@@ -255,7 +257,7 @@ def _with_tool(state: _State, road: _Road, kinds: Sequence[str]) -> _State:
     return state
 
 
-def _with_noise(state: _State, road: _Road) -> _State:
+def _with_noise(state: _State, road: _Context) -> _State:
     """Try other unseen accelerations for a log of orientations; keep them if they predict better.
 
     A draft takes them from the scatter of the forces in motion, which contains all that the setup did not explain then;
@@ -279,7 +281,7 @@ def _with_noise(state: _State, road: _Road) -> _State:
     return tried
 
 
-def _tried(state: _State, road: _Road, step: Step, setup: Setup, unless_worse: bool = False) -> _State:
+def _tried(state: _State, road: _Context, step: Step, setup: Setup, unless_worse: bool = False) -> _State:
     """Evaluate a setup: the state with it if it is kept, and in any case with the outcome of its step."""
     try:
         judged = judge(setup, road.whole, road.hold_out)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.calibration.judgement import HORIZONS, STRETCHES, SURE, errors_of_constant_bias, prediction_errors
+from ftbias_jax.calibration.judgement import HORIZONS, SEGMENTS, SURE, errors_of_constant_bias, prediction_errors
 from ftbias_jax.diagnosis.apply import with_causes
 from ftbias_jax.diagnosis.result import Diagnosis
 from ftbias_jax.errors import FtbiasError
@@ -243,7 +243,7 @@ def _of_end(result: FilterResult, log: Log, hold_out: float) -> Judged:
     constant = np.stack([errors_of_constant_bias(result, seen) for seen in fitted])
     ahead, inside = _errors(result)
     share = (t[rows] - begin) / max(float(t[-1] - begin), 1e-9)
-    stretch = np.minimum((STRETCHES * share).astype(int), STRETCHES - 1)
+    stretch = np.minimum((SEGMENTS * share).astype(int), SEGMENTS - 1)
     unsettled = t[rows] < settled_at(log.t + log.start, result.params)
     took = np.where(unsettled, np.nan, at_stamps(used[:, None])[:, 0])
     return Judged(at_stamps(ahead), at_stamps(inside), took, stretch, at_stamps(constant))
@@ -254,7 +254,7 @@ def _used(result: FilterResult) -> Array:
 
 
 def _joined(parts: Sequence[Judged]) -> Judged:
-    parts = [part._replace(stretch=part.stretch + STRETCHES * i) for i, part in enumerate(parts)]
+    parts = [part._replace(stretch=part.stretch + SEGMENTS * i) for i, part in enumerate(parts)]
     return Judged(*(np.concatenate(arrays, axis=arrays[0].ndim // 2) for arrays in zip(*parts, strict=True)))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from ftbias_jax.diagnosis.apply import with_causes
 from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.result import FoundTerm
-from ftbias_jax.diagnosis.terms.phrases import spells_in_words
+from ftbias_jax.diagnosis.terms.phrases import intervals_in_words
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import GivenLog
 from ftbias_jax.model.effects.statements import value_words
@@ -60,5 +60,5 @@ def _in_words(part: FoundTerm) -> str:
     point, errors = 1e3 * np.array(part.point), 1e3 * np.array(part.parameters_stderr["point"])
     place = ", ".join(map(value_words, point.tolist(), errors.tolist()))
     late = float(np.max(part.parameters_stderr["time"]))
-    when = spells_in_words(np.array(part.parameters["time"]))
+    when = intervals_in_words(np.array(part.parameters["time"]))
     return f"load of {mass} kg at ({place}) mm, {when} (times ± {late:.1g} s)"

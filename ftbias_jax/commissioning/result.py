@@ -83,7 +83,7 @@ class Calibrated:
     @property
     def left_out(self) -> str:
         """What the setup leaves out, in words; "" = nothing."""
-        return f"of these logs alone, and not in the setup: {', '.join(self.events)}" if self.events else ""
+        return f"events of these logs alone, left out of the setup: {', '.join(self.events)}" if self.events else ""
 
     @property
     def sentence(self) -> str:

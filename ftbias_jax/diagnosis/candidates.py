@@ -12,10 +12,10 @@ from ftbias_jax.diagnosis.hypothesis import Found, Hypothesis, penalty
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals import ringing, searched, series, starts
 from ftbias_jax.diagnosis.proposals.pulls import pulls
-from ftbias_jax.diagnosis.proposals.series import Library
+from ftbias_jax.diagnosis.proposals.series import Dictionary
 from ftbias_jax.diagnosis.proposals.touches import touches
 from ftbias_jax.diagnosis.regression.fit import Fit, first_order, fit
-from ftbias_jax.diagnosis.regression.score_test import stand
+from ftbias_jax.diagnosis.regression.score_test import prepare_fit
 from ftbias_jax.model.effects.fitting import SMOOTH, Grid
 
 
@@ -34,30 +34,34 @@ class Scored(NamedTuple):
 
 def score(better: Fit, worse: Fit) -> float:
     """Gain of one fit over another in nats, after the penalty for its additional parameters."""
-    return better.log_likelihood - worse.log_likelihood - thresholds.NATS_PER_DEGREE * (better.degrees - worse.degrees)
+    return (
+        better.log_likelihood
+        - worse.log_likelihood
+        - thresholds.PENALTY_PER_PARAMETER * (better.degrees - worse.degrees)
+    )
 
 
 def candidates(
     problem: Problem,
-    library: Callable[[], Library],
+    dictionary: Callable[[], Dictionary],
     accepted: Fit,
     without: Collection[str] = (),
     all_smooth: bool = False,
 ) -> list[Scored]:
     """All effects that are not accepted yet, each fitted together with the accepted ones; best first.
 
-    Effects in ``without`` are not proposed. ``library`` returns the whitened series that may be proposed. With
+    Effects in ``without`` are not proposed. ``dictionary`` returns the whitened series that may be proposed. With
     ``all_smooth``, weak smooth effects are included to first order, so that the ranking is complete.
     """
     unseen = {name for name, effect in problem.catalogue.items() if not problem.recorded.issuperset(effect.needs)}
     taken = {h.effect for h in accepted.hypotheses} | set(without) | set(problem.known) | unseen
-    prepared_fit = stand(accepted)
+    prepared_fit = prepare_fit(accepted)
     found, columns = starts.smooth(problem, prepared_fit, taken)
     for make in (starts.from_starts, ringing.loose, pulls, searched.best_starts):
         found += make(problem, prepared_fit, taken)
-    found += series.best_series(problem, library(), accepted, taken)
+    found += series.best_series(problem, dictionary(), accepted, taken)
     smooth = np.concatenate([accepted.columns.moving, *columns.values()])
-    found += touches(problem, library(), accepted, taken, smooth)
+    found += touches(problem, dictionary(), accepted, taken, smooth)
     best: dict[tuple[str, int], Found] = {}
     for gain, h in found:
         penalised, key = gain - penalty(h), (h.effect, h.group)

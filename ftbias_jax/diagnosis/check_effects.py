@@ -44,7 +44,7 @@ CHECKED = (Linear, Entries, Grid, Starts)
 """Searches that need derivatives with respect to all coordinates."""
 
 WITHOUT_SLOPE = "at neutral the reading does not depend on it: mark it search=True, or give it another neutral value"
-WITHOUT_NUMBER = "it needs a plain number where JAX has none yet: use jnp.where instead of if, and jnp instead of numpy"
+WITHOUT_NUMBER = "it uses a traced JAX value as a plain number: use jnp.where instead of if, and jnp instead of numpy"
 FromPython = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
 """Exceptions of JAX where code needs a concrete number."""
 
@@ -132,13 +132,13 @@ def _of_reading(effect: Effect, signals: Signals) -> list[str]:
     for words, start in (("at neutral", {}), *off):
         change = np.abs(np.asarray(predict(neutral | start) - nominal)).max()
         if not np.isfinite(change):
-            return [f"{words} the reading is no number; neutral values must change nothing"]
+            return [f"{words} the reading is NaN or infinite; neutral values must change nothing"]
         if change > NEUTRAL:
             return [f"{words} it changes the reading by {change:.2g} N or Nm; neutral values must change nothing"]
     typical = typical_values(effect, model)
     changes = [np.abs(np.asarray(predict(typical | start) - nominal)).max() for start in ({}, *starts)]
     if not np.isfinite(changes).all():
-        return ["with typical values (neutral plus scale) the reading is no number"]
+        return ["with typical values (neutral plus scale) the reading is NaN or infinite"]
     if max(changes) < SEEN:
         return ["typical values (neutral plus scale) change nothing at any start: give its parameters a scale"]
     derived = isinstance(effect.fit.search, CHECKED) and not why_not_fitted(effect)
@@ -208,7 +208,7 @@ def _inside(effect: Effect, parameter: Parameter, z: np.ndarray) -> np.ndarray:
 
 def _fault_of_slope(slope: np.ndarray, difference: np.ndarray) -> str:
     if not np.isfinite(slope).all():
-        return "the reading cannot be differentiated by it where a fit begins (0/0, or a root of 0): use jnp.where"
+        return "its derivative of the reading is not finite where a fit begins (0/0, or a root of 0): use jnp.where"
     size = max(np.abs(slope).max(), np.abs(difference).max())
     # Clipped at a bound, the difference is half of the derivative inside.
     off = np.minimum(np.abs(difference - slope), np.abs(difference - slope / 2))

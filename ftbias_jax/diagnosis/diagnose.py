@@ -9,7 +9,7 @@ import numpy as np
 from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.diagnosis.evidence.causes import Answer, causes_of, doubt_by, in_order, is_sure, ranking_of
 from ftbias_jax.diagnosis.evidence.estimates import correlations, with_nominal
-from ftbias_jax.diagnosis.evidence.gap import Judge, compare, is_closed, is_quiet, measure_gap, verdict_of
+from ftbias_jax.diagnosis.evidence.gap import CrossValidation, compare, is_closed, is_quiet, measure_gap, verdict_of
 from ftbias_jax.diagnosis.problem import Problem, make_problem
 from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead, to_values
@@ -26,9 +26,9 @@ from ftbias_jax.diagnosis.terms.loads import all_carried
 from ftbias_jax.diagnosis.terms.noise import louder, noise_term
 from ftbias_jax.diagnosis.terms.select import state_of_problem
 from ftbias_jax.diagnosis.terms.spectra import fast_lines
-from ftbias_jax.diagnosis.terms.wander import is_all, told, wander_of
+from ftbias_jax.diagnosis.terms.wander import is_all, wander_of, wander_term
 from ftbias_jax.diagnosis.thresholds import AS_WELL, USEFUL_SHARE
-from ftbias_jax.diagnosis.tool_first import Searched, no_surer, search_causes, stderr_beside
+from ftbias_jax.diagnosis.tool_first import Searched, search_causes, stderr_beside, with_stderr_of_tool
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.filtering.quality.at_rest import rest_in_words, weight_in_bias
 from ftbias_jax.io import GivenLog, as_logs, names_of
@@ -39,7 +39,7 @@ from ftbias_jax.model.effects.catalogue import check_names
 from ftbias_jax.model.effects.fitting import GROWTH, LEVEL
 from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.model.effects.types import Effect
-from ftbias_jax.model.own_effects import catalogue_of_setup, not_shown
+from ftbias_jax.model.own_effects import catalogue_of_setup, unobservable_effects
 from ftbias_jax.model.params import with_noise_as_known
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
@@ -52,7 +52,7 @@ def _typed_errors() -> Iterator[None]:
     try:
         yield
     except np.linalg.LinAlgError as error:
-        message = f"the log is no basis for a diagnosis: {error}"
+        message = f"the log cannot be diagnosed, because a linear system is singular: {error}"
         remedy = "check its values with ftbias info: a stream may be constant, or far beyond its range"
         raise LogError(message, remedy=remedy) from error
 
@@ -119,20 +119,20 @@ def explain(
         progress("making the logs ready")
         problem, samples = make_problem(with_tool, logs)
     problem, base, found, loud = _examined(problem, logs, samples, without)
-    hold_out = Judge(problem)
+    hold_out = CrossValidation(problem)
     before = hold_out(base, base.error)
     quiet = is_quiet(problem, measure_gap(problem, before, before))
     carried = all_carried(problem, base) if not quiet and TERM not in without else None
-    excluded = {*without, *not_shown(setup)}
+    excluded = {*without, *unobservable_effects(setup)}
     if carried:
-        problem, base, hold_out = carried, fits.base(carried), Judge(carried)
+        problem, base, hold_out = carried, fits.base(carried), CrossValidation(carried)
         before = hold_out(base, base.error)
         searched = Searched(base, base, [])
     else:
         searched = search_causes(setup, problem, base, hold_out, excluded, progress)
         settled = _settled(problem, searched.accepted)
         if settled is not problem:
-            problem, base, hold_out = settled, fits.base(settled), Judge(settled)
+            problem, base, hold_out = settled, fits.base(settled), CrossValidation(settled)
             before = hold_out(base, base.error)
             searched = search_causes(setup, problem, base, hold_out, excluded, progress)
     after = hold_out(searched.accepted, base.error)
@@ -155,7 +155,7 @@ def explain(
     if pushed := pushed and verdict not in ("explained", "described"):  # a push follows no recorded quantity
         answer, verdict, causes = _without_causes(answer)._replace(terms=()), "unknown", ()
     of_tool, of_reading = stderr_beside(setup, problem, answer.accepted)
-    causes = tuple(no_surer(problem, cause, answer.accepted, of_tool) for cause in causes)
+    causes = tuple(with_stderr_of_tool(problem, cause, answer.accepted, of_tool) for cause in causes)
     causes, ranking = (
         tuple(with_nominal(problem, candidate) for candidate in some) for some in (causes, ranking_of(answer))
     )
@@ -251,7 +251,7 @@ def _with_wander(
         return answer, ()
     progress("trying a bias that wanders")
     wide = problem.wandering(wander.density)
-    base, hold_out = fits.base(wide), Judge(wide)
+    base, hold_out = fits.base(wide), CrossValidation(wide)
     again = search_causes(setup, wide, base, hold_out, without)
     if not is_all(wander, wide, base, again.accepted, hold_out):
         return answer, ()
@@ -259,7 +259,7 @@ def _with_wander(
     gap = measure_gap(wide, answer.before, after)
     share = max(gap.shrink - measure_gap(problem, answer.before, by_causes).shrink, 0.0)
     wandering = Answer(wide, hold_out, base, answer.found, *again, answer.before, after, gap, answer.total)
-    return wandering, (told(wander, seconds, share),)
+    return wandering, (wander_term(wander, seconds, share),)
 
 
 def _judged(answer: Answer, loud: tuple[FoundTerm, ...]) -> tuple[Answer, str, tuple[Candidate, ...]]:
@@ -286,7 +286,7 @@ def _not_tested(setup: Setup, problem: Problem, without: Collection[str]) -> tup
     """(effect, reason) for each effect that is not tested on the logs."""
     reasons = [(name, "left out on request") for name in without]
     reasons += [(name, "the setup has it already") for name in with_noise_as_known(setup).effects]
-    reasons += [(name, reason) for name, reason in not_shown(setup).items() if name not in without]
+    reasons += [(name, reason) for name, reason in unobservable_effects(setup).items() if name not in without]
     for name, effect in problem.catalogue.items():
         reasons += [(name, f"no {need} was recorded") for need in effect.needs if need not in problem.recorded]
     for effect in problem.catalogue.own:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.coordinates import can_move, is_moment, to_coordinates
-from ftbias_jax.diagnosis.thresholds import NATS_PER_DEGREE, PRIOR_STD
+from ftbias_jax.diagnosis.thresholds import PENALTY_PER_PARAMETER, PRIOR_STD
 from ftbias_jax.model.effects.fitting import SUDDEN, Starts
 from ftbias_jax.model.effects.types import Effect
 
@@ -113,7 +113,7 @@ def is_sudden(problem: Problem, effect: Effect) -> bool:
 
 def penalty(h: Hypothesis) -> float:
     """nats that a hypothesis must gain to be worth its free parameters."""
-    return NATS_PER_DEGREE * (len(h.free) + 6 * len(h.shapes))
+    return PENALTY_PER_PARAMETER * (len(h.free) + 6 * len(h.shapes))
 
 
 def at_zero(effect: str, free: np.ndarray | list[int]) -> Hypothesis:

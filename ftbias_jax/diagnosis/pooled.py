@@ -69,16 +69,16 @@ def diagnose_pooled(
     # A cause that began a few logs ago may go unnoticed among many logs without it.
     for count in (int(np.clip(POOLED_SHARE * len(read), FEWEST_POOLED, MOST_POOLED)), FEWEST_POOLED):
         diagnosis, answer = diagnose.explain(setup, read[-count:], names[-count:], left_out, unchecked, progress)
-        told = [h.effect for h in answer.accepted.hypotheses if not h.shapes]
-        if told:
+        reported = [h.effect for h in answer.accepted.hypotheses if not h.shapes]
+        if reported:
             break
     courses: tuple[Course, ...] = ()
-    if told:
+    if reported:
         progress("measuring causes in every log")
         with_tool, whole = diagnose.ready(setup, read, [survey(slices(log)) for log in read])
         problem, _ = make_problem(with_tool, whole)
         share, stderr = shares(problem, answer.accepted)
-        courses = tuple(map(partial(course_of, stamped), told, share.T, stderr.T))
+        courses = tuple(map(partial(course_of, stamped), reported, share.T, stderr.T))
     return diagnosis._replace(courses=courses)
 
 

@@ -70,7 +70,7 @@ class Part(NamedTuple):
         """Whether the arm moves at the first bin."""
         return bool(np.abs(speeds_of(self.signals.model.arm, np.asarray(self.signals.dq)[0])).max() > STILL)
 
-    def silent_before(self, seconds: float) -> Self:
+    def without_readings_before(self, seconds: float) -> Self:
         """Copy without the readings of its first seconds."""
         reading = np.where(np.asarray(self.signals.t)[:, None] < seconds, np.nan, self.wrench.wrench)
         return self.with_wrench(wrench=reading)
@@ -139,7 +139,7 @@ class Problem(NamedTuple):
         if not any(waits):
             return self
         pairs = zip(waits, self.parts, strict=True)
-        parts = tuple(part.silent_before(wait) if wait else part for wait, part in pairs)
+        parts = tuple(part.without_readings_before(wait) if wait else part for wait, part in pairs)
         return self.without(self.t < np.array(waits)[self.log])._replace(parts=parts)
 
     def wandering(self, density: np.ndarray) -> Self:
@@ -198,7 +198,7 @@ def _recorded_in(logs: Sequence[Log]) -> frozenset[str]:
 def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFindings]:
     """One log: bins, samples in each (B, 6), effects that the setup states, and what the samples show."""
     options, samples, length = Options(joint_model=setup.joints.model), padded_samples(log), len(log.t)
-    params = params_for_log.likeliest_params(setup, samples, options)
+    params = params_for_log.max_likelihood_params(setup, samples, options)
     known = params.bias.in_motion
     joints, reading, variance = (x[:length] for x in smoothed(params, samples, options))  # sample noise is added below
     rate, speed = np.gradient(reading, log.t, axis=0), speeds_of(params.arm, joints[:, :, 1])
@@ -253,7 +253,7 @@ def _bin(
     rows = np.isfinite(wrench).any(1)
     index, used, padded = bins_of(log.t[rows], float(log.t[-1]))
     if used < LEAST_BINS:
-        message = f"only {rows.sum()} readings are left: the others are at the end of the range, repeats, or spikes"
+        message = f"only {rows.sum()} usable readings remain; the others are saturated, repeated or spikes"
         raise LogError(message, field="wrench", remedy="check the sensor and its driver, and record again")
     count = sum_of_bins(index, np.isfinite(wrench[rows]))
     columns = {name: mean_of_bins(index, column.at(log.t)[rows]) for name, column in log.columns.items()}

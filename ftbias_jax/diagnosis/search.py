@@ -9,7 +9,7 @@ import numpy as np
 from ftbias_jax.diagnosis.candidates import Scored, candidates, score
 from ftbias_jax.diagnosis.evidence.estimates import parameters
 from ftbias_jax.diagnosis.evidence.gap import (
-    Judge,
+    CrossValidation,
     excess_by_channel,
     excess_over_quiet,
     gap_removed,
@@ -19,8 +19,8 @@ from ftbias_jax.diagnosis.evidence.gap import (
 from ftbias_jax.diagnosis.hypothesis import is_sudden
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.ringing import is_plausible
-from ftbias_jax.diagnosis.proposals.series import Library, make_library
-from ftbias_jax.diagnosis.regression.fit import Fit, compared, fit, projection
+from ftbias_jax.diagnosis.proposals.series import Dictionary, make_dictionary
+from ftbias_jax.diagnosis.regression.fit import Fit, fit, log_likelihood_gain, projection
 from ftbias_jax.diagnosis.thresholds import (
     BEAM,
     BEAM_SHARE,
@@ -58,9 +58,9 @@ class Search(NamedTuple):
     problem: Problem
     start: Fit
     """Nominal model with the parameters that are fitted together with all causes."""
-    hold_out: Judge
+    hold_out: CrossValidation
     """Evaluates a fit on held-out blocks of the logs."""
-    library: Callable[[], Library]
+    dictionary: Callable[[], Dictionary]
     """Returns the whitened series that may be proposed."""
     without: Collection[str] = ()
     """Effects that may not be named."""
@@ -91,8 +91,8 @@ class Search(NamedTuple):
                     break
                 excluded |= {name for name in self.problem.catalogue if _follows_motion(self.problem, name)}
             self.progress(f"looking for cause {count + 1} of at most {most}")
-            scored = candidates(self.problem, self.library, accepted, excluded, all_smooth=not count)
-            best = next((s for s in scored[:MOST_JUDGED] if self.has_earned(threshold, accepted, s)), None)
+            scored = candidates(self.problem, self.dictionary, accepted, excluded, all_smooth=not count)
+            best = next((s for s in scored[:MOST_JUDGED] if self.is_acceptable(threshold, accepted, s)), None)
             rounds.append([best, *(s for s in scored if s is not best)] if best else scored)
             if best is None:
                 break
@@ -119,11 +119,11 @@ class Search(NamedTuple):
         all_follow = all(_follows_motion(self.problem, h.effect) for h in accepted.hypotheses)
         return Threshold(elsewhere, least, LEAST_SIGMAS**2 if all_follow else least)
 
-    def has_earned(self, threshold: Threshold, accepted: Fit, trial: Scored) -> bool:
+    def is_acceptable(self, threshold: Threshold, accepted: Fit, trial: Scored) -> bool:
         """Whether one more cause is possible, gains enough, consistently, and removes enough on held-out blocks."""
         effect = self.problem.catalogue[trial.hypothesis.effect]
         sudden = is_sudden(self.problem, effect)
-        gain, stderr = compared(self.problem, trial.fit.error, accepted.error)
+        gain, stderr = log_likelihood_gain(self.problem, trial.fit.error, accepted.error)
         by_joints = nats_of_joints(self.problem) if _follows_motion(self.problem, effect.name) else 0.0
         if trial.nats <= max(LEAST_GAIN, by_joints) or not (sudden or gain > STEADY * stderr):
             return False
@@ -184,14 +184,16 @@ def with_first_fits(problem: Problem, rounds: Rounds, accepted: Fit, before: int
 def search(
     problem: Problem,
     start: Fit,
-    hold_out: Judge,
+    hold_out: CrossValidation,
     without: Collection[str] = (),
     progress: Callable[[str], None] = silent,
 ) -> tuple[Fit, Rounds]:
     """Fit of all accepted effects, and the rounds that found them; arguments as in ``Search``."""
     with ThreadPoolExecutor(1) as worker:
-        library = worker.submit(same_precision(make_library), problem).result  # made while other effects are tried
-        return Search(problem, start, hold_out, library, without, progress).best()
+        dictionary = worker.submit(
+            same_precision(make_dictionary), problem
+        ).result  # made while other effects are tried
+        return Search(problem, start, hold_out, dictionary, without, progress).best()
 
 
 def gap_of(problem: Problem, found: Fit) -> float:

@@ -7,7 +7,7 @@ are defined with their search or in the catalogue's entry, step sizes with the s
 """
 
 # What a cause must gain, and how steadily
-NATS_PER_DEGREE = 4.0
+PENALTY_PER_PARAMETER = 4.0
 """nats per free parameter: the BIC penalty, half the logarithm of the number of independent bins. [noise]"""
 LEAST_GAIN = 12.0
 """nats that a cause must gain beyond that penalty, and a ramp beyond a sudden step. [noise] One parameter gains as much
@@ -96,14 +96,14 @@ MOST_OF_LOG, LONGEST_EVENT, SURELY_EVENT = 0.35, 5.0, 3.0
 MOST_OF_LOG_IF_SEEN, SEEN = 0.7, 0.75
 """Maximum share of the log in events that a filter's contact detection confirms, and the share of their duration that
 it must cover. [physics] In 49 logs without contact the detection finds a tenth of a second of it. [dev]"""
-CREST = 10.0
+CREST_FACTOR = 10.0
 """Crest factor: standard deviations that unrecorded accelerations reach when an arm stops and starts. [physics]"""
 LEAST_LEVER = 0.03
 """m; lever arm about the centre of mass that at least one push must have, because accelerations act at the centre of
 mass itself and the setup's is off by less. [physics]"""
-LEAST_HAT, LEAST_SHARE_OF_HAT = 10.0, 0.005
+LEAST_TENT, LEAST_SHARE_OF_TENT = 10.0, 0.005
 """nats, and share of the largest, below which tent basis functions at an event's ends are trimmed. [dev]"""
-CLEAR_HATS = 2
+CLEAR_TENTS = 2
 """Index step between two relevant tent basis functions beyond which they belong to separate events. [dev]"""
 MARGIN, MARGIN_SHARE = 0.1, 0.6
 """s, and share of its length, by which either end of a pulse is extended before events are merged and trimmed. [dev]"""

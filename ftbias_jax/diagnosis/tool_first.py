@@ -7,12 +7,12 @@ import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored, score
 from ftbias_jax.diagnosis.evidence.estimates import parameters
-from ftbias_jax.diagnosis.evidence.gap import Judge, nats_of_joints
+from ftbias_jax.diagnosis.evidence.gap import CrossValidation, nats_of_joints
 from ftbias_jax.diagnosis.evidence.reading import stderr_of_reading
 from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_zero, movable, neutral_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.entries import entries_of, evidence, whole_matrix
-from ftbias_jax.diagnosis.regression.fit import Fit, compared, fit
+from ftbias_jax.diagnosis.regression.fit import Fit, fit, log_likelihood_gain
 from ftbias_jax.diagnosis.result import Candidate
 from ftbias_jax.diagnosis.search import Rounds, enough, gap_of, search, with_first_fits
 from ftbias_jax.diagnosis.thresholds import ALIKE, LEADS, LEAST_GAIN, LEAST_SIGMAS, SURE
@@ -40,7 +40,7 @@ def search_causes(
     setup: Setup,
     problem: Problem,
     base: Fit,
-    hold_out: Judge,
+    hold_out: CrossValidation,
     without: Collection[str] = (),
     progress: Callable[[str], None] = silent,
 ) -> Searched:
@@ -70,7 +70,7 @@ def search_causes(
     better = gained > LEAST_GAIN
     if {h.effect for h in plain.accepted.hypotheses} & _like_tool(problem):
         # A cause that is as good as the tool but has more parameters ranks after it.
-        lost, error = compared(problem, plain.accepted.error, beside.accepted.error)
+        lost, error = log_likelihood_gain(problem, plain.accepted.error, beside.accepted.error)
         as_good = lost < max(ALIKE * error, LEAST_GAIN, nats_of_joints(problem))
         better = better or (as_good and (gained > 0 or beside.accepted.degrees < plain.accepted.degrees))
     return beside if beside.start.hypotheses and closed and better else plain
@@ -86,7 +86,7 @@ def _with_all_entries(problem: Problem, found: Searched) -> Searched:
     is_left = gap_of(problem, found.accepted) > LEAST_SIGMAS**2
     few = entries_of(problem, found.accepted) if is_left else None
     whole = whole_matrix(problem, found.accepted, few) if few else None
-    if not whole or not whole.earned:
+    if not whole or not whole.worth_its_parameters:
         return found
     of_causes = with_first_fits(problem, found.rounds[before:count], whole.fit, before)
     return Searched(found.start, whole.fit, [*found.rounds[:before], *of_causes, *found.rounds[count:]])
@@ -121,7 +121,9 @@ def _stderr_of_tool(setup: Setup, problem: Problem, beside: Fit) -> dict[str, np
     return {key: np.hypot(stderr, share * np.linalg.norm(getattr(setup.tool, key))) for key, stderr in found.items()}
 
 
-def no_surer(problem: Problem, cause: Candidate, accepted: Fit, of_tool: Mapping[str, np.ndarray]) -> Candidate:
+def with_stderr_of_tool(
+    problem: Problem, cause: Candidate, accepted: Fit, of_tool: Mapping[str, np.ndarray]
+) -> Candidate:
     """Cause with standard errors no smaller than the tool's, including the undetermined scale of gains."""
     if cause.effect not in problem.catalogue or not of_tool:
         return cause
@@ -215,7 +217,7 @@ def _departs(problem: Problem, found: Fit, h: Hypothesis) -> bool:
 
 
 def _beside_tool(
-    problem: Problem, base: Fit, hold_out: Judge, without: Collection[str], open_names: Collection[str]
+    problem: Problem, base: Fit, hold_out: CrossValidation, without: Collection[str], open_names: Collection[str]
 ) -> Searched:
     """Causes found with the tool and other open effects free; of these, only those worth their parameters are kept.
 

@@ -48,7 +48,7 @@ def params_for_log(setup: Setup, log: Log | Sample, *, guarded: bool = True) -> 
     samples = samples_from_log(log) if isinstance(log, Log) else log
     options = options_from_setup(setup)
     if not guarded:
-        return likeliest_params(setup, samples, options)
+        return max_likelihood_params(setup, samples, options)
     return guard_against_lag(_with_process_noise(setup, _stated(setup, samples), samples, options))
 
 
@@ -57,7 +57,7 @@ def guard_against_lag(params: Params) -> Params:
     return params._replace(joint=params.joint._replace(process_density=LAG_GUARD * params.joint.process_density))
 
 
-def likeliest_params(setup: Setup, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Params:
+def max_likelihood_params(setup: Setup, samples: Sample, options: Options = DEFAULT_OPTIONS) -> Params:
     """Parameters from a setup, with no less measurement noise of the joints than the log shows.
 
     A process noise of the joints that the setup leaves open is the most likely one for the log.
@@ -77,7 +77,7 @@ def _with_process_noise(setup: Setup, params: Params, samples: Sample, options: 
         return params
     part = jax.tree.map(lambda x: x[:MOST_SAMPLES], samples)
     part = pad(part, padded_length(part.dt.shape[0]))
-    likeliest = likeliest_density(params.joint, part.dt, part.q, part.dq, model=options.joint_model)
+    likeliest = max_likelihood_density(params.joint, part.dt, part.q, part.dq, model=options.joint_model)
     return params._replace(joint=params.joint._replace(process_density=likeliest))
 
 
@@ -99,7 +99,7 @@ def zeroed_at(params: Params, setup: Setup, first_q: Float[Array, " n"]) -> Para
 
 
 @keep_program("model")
-def likeliest_density(
+def max_likelihood_density(
     noise: JointNoise,
     dt: Float[Array, " T"],
     q: Float[Array, "T n"],

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ftbias_jax.errors import LogError, UsageError
-from ftbias_jax.io.remote import check_planned, is_url, listed, shown
+from ftbias_jax.io.remote import check_planned, is_url, listed, without_credentials
 from ftbias_jax.io.ros.record import PACKED, SUFFIXES
 from ftbias_jax.io.tables.arrays import TABLES
 from ftbias_jax.io.tables.streams import inputs_of, main_file
@@ -72,12 +72,13 @@ def find_logs(arguments: Sequence[str], folder: str, suffix: str, patterns: Patt
     base = os.path.commonpath([os.path.abspath(root) for root, _ in named])
     tasks: dict[str, Task] = {}
     for path, log in sorted(found.items()):
-        place = os.path.abspath(shown(log)) if is_url(log) else path
+        place = os.path.abspath(without_credentials(log)) if is_url(log) else path
         name = os.path.relpath(place, base).removesuffix(PACKED)
         output = (os.path.splitext(name)[0] if _is_log(name) else name) + suffix
-        check_planned(output, shown(log))
+        check_planned(output, without_credentials(log))
         if output in tasks:
-            message = f"{shown(tasks[output].log)!r} and {shown(log)!r} would both be written to {output!r}"
+            first, second = map(without_credentials, (tasks[output].log, log))
+            message = f"{first!r} and {second!r} would both be written to {output!r}"
             raise UsageError(message, field="LOG", remedy="give them two folders of results")
         tasks[output] = Task(log, output, inputs_of(log, patterns) if patterns else ())
     return list(tasks.values())
@@ -105,9 +106,9 @@ def _named_by(argument: str, folder: str, patterns: Patterns) -> tuple[str, list
 def _logs_of(argument: str, folder: str) -> tuple[str, list[str]]:
     """Folder relative to which an argument's results are placed, and its logs."""
     if is_url(argument):
-        root, slash, _ = shown(argument).partition("*")
+        root, slash, _ = without_credentials(argument).partition("*")
         single = not slash and _is_log(root)
-        results = (folder, shown(folder)) if is_url(folder) else ()
+        results = (folder, without_credentials(folder)) if is_url(folder) else ()
         found = [argument] if single else [x for x in listed(argument) if _is_log(x) and not x.startswith(results)]
         return os.path.dirname(root) if slash or found == [argument] else root, found
     if not glob.has_magic(argument) or os.path.exists(argument):

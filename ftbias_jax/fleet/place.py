@@ -15,7 +15,7 @@ from typing import NamedTuple
 from ftbias_jax.errors import FtbiasError, OutputError
 from ftbias_jax.files import temporary_folder
 from ftbias_jax.io.atomic import make_folder
-from ftbias_jax.io.remote import is_url, shown, sizes_below, store_of, told
+from ftbias_jax.io.remote import is_url, sizes_below, store_of, url_errors, without_credentials
 
 MANIFESTS = "manifest*.json*"
 
@@ -37,7 +37,7 @@ class Place(NamedTuple):
 
     def path(self, name: str) -> str:
         """Path or URL, as it is displayed, of a file of the archive; "" = the archive itself."""
-        return shown(os.path.join(self.root, name) if name else self.root)
+        return without_credentials(os.path.join(self.root, name) if name else self.root)
 
     def sizes(self, names: Iterable[str]) -> dict[str, int]:
         """Name -> size in bytes, for the given files that exist."""
@@ -64,7 +64,7 @@ class Place(NamedTuple):
             yield self.root
             return
         with temporary_folder() as folder, self._named_in_errors(folder):
-            with told(self.root):
+            with url_errors(self.root):
                 system, there = store_of(self.root)
                 for name in names:
                     copy = os.path.join(folder, name)
@@ -86,7 +86,7 @@ class Place(NamedTuple):
         with temporary_folder() as folder:
             with self._named_in_errors(folder):
                 yield folder
-            with told(self.root, OutputError):
+            with url_errors(self.root, OutputError):
                 system, there = store_of(self.root)
                 for file in filter(Path.is_file, Path(folder).rglob("*")):
                     system.put_file(str(file), _object(there, file.relative_to(folder).as_posix()))
@@ -106,7 +106,7 @@ class Place(NamedTuple):
             path = os.path.join(folder, name)
 
             def publish() -> None:
-                with told(self.root, OutputError):
+                with url_errors(self.root, OutputError):
                     system, there = store_of(self.root)
                     system.put_file(path, _object(there, name))
 

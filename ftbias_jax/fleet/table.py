@@ -38,8 +38,10 @@ def _row(entry: Entry, settings: Settings | None) -> dict[str, Any]:
     row["output_sha256"] = sums.get(entry.output, "")
     row |= {f"log_{name}": value for name, value in state._asdict().items()}
     if settings is not None:
-        told = {name: getattr(settings, name) for name in ("robot", "sensor", "setup", "setup_sha256", "version")}
-        row |= told | {"choices": json.dumps(settings.choices, sort_keys=True)}
+        settings_row = {
+            name: getattr(settings, name) for name in ("robot", "sensor", "setup", "setup_sha256", "version")
+        }
+        row |= settings_row | {"choices": json.dumps(settings.choices, sort_keys=True)}
     for name, value in quality.items():
         if isinstance(value, list) and VECTORS.get(name) == len(AXES):
             numbers = {f"{name}_{axis}": number for axis, number in zip(AXES, value, strict=True)}

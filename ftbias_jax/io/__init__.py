@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from ftbias_jax.errors import LogError, UsageError
-from ftbias_jax.io.check import FURTHER
+from ftbias_jax.io.check import EXTRA_PREFIX
 from ftbias_jax.io.cleaning import STREAMS, clean
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.remote import from_anywhere, opened, shown
+from ftbias_jax.io.remote import from_anywhere, opened, without_credentials
 from ftbias_jax.io.ros.read import read_ros
 from ftbias_jax.io.ros.record import is_ros
 from ftbias_jax.io.tables.arrays import TABLES, log_from_arrays, read_table, suffix_of
@@ -88,7 +88,7 @@ def as_logs(logs: GivenLog | Iterable[GivenLog], setup: Setup, *, raw: bool = Fa
 
 def names_of(logs: Sequence[Log]) -> list[str]:
     """File names of logs; "log 1", "log 2" and so on for those from memory."""
-    return [Path(shown(log.file)).name or f"log {i}" for i, log in enumerate(logs, 1)]
+    return [Path(without_credentials(log.file)).name or f"log {i}" for i, log in enumerate(logs, 1)]
 
 
 def as_motion(log: GivenMotion, setup: Setup) -> Log | Poses:
@@ -181,7 +181,7 @@ def log_of_arrays(
         "position": position,
         "angular_velocity": angular_velocity,
         "specific_force": specific_force,
-        **{f"{FURTHER}{name}": values for name, values in (columns or {}).items()},
+        **{f"{EXTRA_PREFIX}{name}": values for name, values in (columns or {}).items()},
     }
     log = log_from_arrays({name: values for name, values in arrays.items() if values is not None}, setup)
     return clean(log, clipped=not raw, stuck=not raw, held=() if raw else STREAMS)

@@ -78,7 +78,7 @@ class Budget:
         self.stored = min(status.st_size, sectors) if sectors else status.st_size
         self.limit = max(SMALL if small is None else small, MAX_RATIO * self.stored)
         if status.st_size > self.limit:
-            message = f"has {status.st_size} bytes, of which {self.stored} are stored: the rest is a hole"
+            message = f"has {status.st_size} bytes, of which {self.stored} are stored: the file is sparse"
             raise LogError(message, file=self.file, remedy="copy the log again")
         self.bytes, self.numbers, self.held = self.limit, min(MAX_BYTES, self.limit), 0
         self.records = max(FEW_RECORDS, self.stored // LEAST_RECORD)

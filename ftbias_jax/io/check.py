@@ -25,7 +25,7 @@ PACKET = 64
 """Number of readings that may arrive in one packet; the time between two of these does not show the rate."""
 Part = tuple[Array, Mapping[str, Array]]
 """Stamps of a stream in order, float64 s or int64 ns, and its arrays by their names in ``Log``."""
-FURTHER = "="
+EXTRA_PREFIX = "="
 """Prefix of an array that holds a further column for effects to use; the setup's name of the column follows."""
 QUANTITIES = {"q": "position", "dq": "velocity", "wrench": "wrench", "temperature": "temperature"}
 """Array of a log -> its key in [log.time_offsets]."""
@@ -205,7 +205,7 @@ def further_columns(parts: Sequence[Part], log: Log, setup: Setup, file: str = "
     columns: dict[str, Column] = {}
     for t, arrays in parts:
         for name, values in arrays.items():
-            key = name.removeprefix(FURTHER)
+            key = name.removeprefix(EXTRA_PREFIX)
             if key not in (name, *columns):
                 columns[key] = _column(t, values, log.start, file, str(setup.log.columns.get(key, key)))
     return log._replace(columns=columns)

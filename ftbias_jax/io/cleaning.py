@@ -110,7 +110,7 @@ def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: Colle
             what = f"{STREAMS[name]} where no arm can be, {_times(t)}: {len(t)} readings{out}"
             found.append(Repair(what, lost=bool(out)))
     if len(breaks):
-        what = f"the joints go on elsewhere {_times(breaks)}: samples are missing there"
+        what = f"the joint positions are discontinuous {_times(breaks)}: samples are missing there"
         about = f", and those {ASIDE:g} s before and after are left out" if out else ""
         found.append(Repair(what + about, lost=bool(out)))
     axes = dict(zip(AXES, facts.axes, strict=True))

@@ -260,7 +260,7 @@ def _verdict(path: str, table: Table) -> str:
         return f"its columns have no names: {TO_NAME}"
     if not found:
         return (
-            f"has nothing that is known by its name: ftbias setup {name} --robot NAME -o setup.toml writes a setup "
+            f"has no columns with known names: ftbias setup {name} --robot NAME -o setup.toml writes a setup "
             "whose [log.columns] lists what to choose from"
         )
     rate = " --rate HZ" if table.time is None and not table.static else ""

@@ -159,7 +159,8 @@ def _remark(calibration: Calibration) -> Repairs:
     off, left = (" ".join(f"{x:.2g}" for x in each) for each in sizes)
     known = f"which is known to within {left} m/s^2: the error bars contain that"
     if calibration.correction.any():
-        what = f"the accelerometer is up to {off} m/s^2 off gravity at rest and in slow motion: corrected, {known}"
+        at_rest = f"by up to {off} m/s^2 from gravity at rest and in slow motion"
+        what = f"the accelerometer deviates {at_rest}: corrected, {known}"
     else:
         what = f"the log does not show what the accelerometer is off by, {known}"
     return (Repair(what),)

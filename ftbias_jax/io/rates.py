@@ -32,7 +32,7 @@ APART = 0.6
 LEAST_CHANGES = 50
 """Minimum number of changes in a stream; an arm at rest does not show whether readings are held."""
 EMPTY = np.zeros(0, bool)
-TOLD = 0.1
+REPORTED_JITTER = 0.1
 """Jitter (standard deviation in median intervals) from which it is reported; a good recorder stays below 0.01."""
 _NORMAL = 1.4826
 """Standard deviation of a normal distribution in median absolute deviations."""
@@ -132,7 +132,7 @@ def jitter(t: Array) -> float:
         return 0.0
     middle = float(np.median(intervals))
     std = _NORMAL * float(np.median(np.abs(intervals - middle))) / np.sqrt(2)
-    return std if std > TOLD * middle else 0.0
+    return std if std > REPORTED_JITTER * middle else 0.0
 
 
 def missing_readings(which: str, t: Array, other_t: Array) -> Repairs:

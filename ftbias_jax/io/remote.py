@@ -1,6 +1,6 @@
 """Logs by URL, from object stores and web servers: copied to a temporary file by fsspec (extra ``remote``).
 
-A URL may contain a password or a signature. All output names it by ``shown``, which omits them.
+A URL may contain a password or a signature. All output names it by ``without_credentials``, which omits them.
 
 This module alone decides which files may be read, and where copies and results are written, if a setup, a server's
 listing or a URL names them. A setup is a file that people pass on, and a listing is written by whoever runs the server.
@@ -49,7 +49,7 @@ def from_anywhere(source: Source) -> Source | str:
     return os.path.abspath(str(source)) if is_path else source
 
 
-def shown(path: str | os.PathLike[str]) -> str:
+def without_credentials(path: str | os.PathLike[str]) -> str:
     """A path as it is; a URL without possible secrets: user, password, and the query of a web server."""
     name = os.fspath(path)
     if not is_url(name):
@@ -73,12 +73,12 @@ def opened(path: str | os.PathLike[str]) -> Iterator[str]:
     except LogError as error:
         if error.file != copy:
             raise
-        raise LogError(error.message, file=shown(name), field=error.field, remedy=error.remedy) from error
+        raise LogError(error.message, file=without_credentials(name), field=error.field, remedy=error.remedy) from error
 
 
 def local_copy(url: str) -> str:
     """Path of the copy of a URL's file, made once and removed when the process ends."""
-    name = copy_name(shown(url))
+    name = copy_name(without_credentials(url))
     if url not in _kept:
         while len(_kept) >= MOST_KEPT:
             remove_temporary_folder(_kept.pop(next(iter(_kept))))
@@ -92,7 +92,7 @@ def local_copy(url: str) -> str:
     return os.path.join(_kept[url], name)
 
 
-def sum_of(url: str) -> str:
+def sha256_of_url(url: str) -> str:
     """SHA-256 of a URL's file."""
     if url not in _sums:
         local_copy(url)
@@ -113,7 +113,7 @@ def size_and_time(url: str) -> tuple[int, int]:
 
 def listed(url: str) -> list[str]:
     """URLs of the files that match a pattern with *, or that are in and below a folder; otherwise the URL itself."""
-    with told(url):
+    with url_errors(url):
         system, path = store_of(url)
         if "*" not in path and not system.isdir(path):
             return [url]
@@ -129,7 +129,7 @@ def listed(url: str) -> list[str]:
 
 def sizes_below(url: str) -> dict[str, int]:
     """Sizes in bytes of the files in and below a folder, by their relative names, as the store has them now."""
-    with told(url):
+    with url_errors(url):
         system, path = store_of(url)
         system.invalidate_cache()
         try:
@@ -143,7 +143,7 @@ def sizes_below(url: str) -> dict[str, int]:
 
 def store_of(url: str) -> tuple[Any, str]:
     """The fsspec file system of a URL, and the path in it."""
-    system, path = need("fsspec", "remote", shown(url)).core.url_to_fs(url)
+    system, path = need("fsspec", "remote", without_credentials(url)).core.url_to_fs(url)
     return system, str(path)
 
 
@@ -151,7 +151,11 @@ def _check_listing(found: Iterable[str], path: str, url: str) -> None:
     for name in found:
         if not is_below(name, path):
             remedy = "give the URLs of the logs themselves"
-            raise LogError(f"its listing names {shown(name)!r}, which is not in it", file=shown(url), remedy=remedy)
+            raise LogError(
+                f"its listing names {without_credentials(name)!r}, which is not in it",
+                file=without_credentials(url),
+                remedy=remedy,
+            )
 
 
 def forget() -> None:
@@ -168,21 +172,21 @@ atexit.register(forget)
 def _copy(url: str, target: str) -> str:
     """Copy a URL's file to ``target``; return its SHA-256."""
     digest, count = hashlib.sha256(), 0
-    with told(url):
-        fsspec: Any = need("fsspec", "remote", shown(url))
+    with url_errors(url):
+        fsspec: Any = need("fsspec", "remote", without_credentials(url))
         with fsspec.open(url, "rb") as remote, open(target, "wb") as file:
             while chunk := remote.read(BYTES_AT_ONCE):
                 count += len(chunk)
                 if count > MOST_BYTES:
                     remedy = "split the log, or copy it yourself"
-                    raise LogError(f"has more than {MOST_BYTES} bytes", file=shown(url), remedy=remedy)
+                    raise LogError(f"has more than {MOST_BYTES} bytes", file=without_credentials(url), remedy=remedy)
                 digest.update(chunk)
                 file.write(chunk)
     return digest.hexdigest()
 
 
 @contextmanager
-def told(url: str, kind: type[LogError | OutputError] = LogError) -> Iterator[None]:
+def url_errors(url: str, kind: type[LogError | OutputError] = LogError) -> Iterator[None]:
     """Convert exceptions of fsspec and its stores to errors that name the URL: LogError on reading, or OutputError."""
     done = "read" if kind is LogError else "written"
     try:
@@ -191,18 +195,18 @@ def told(url: str, kind: type[LogError | OutputError] = LogError) -> Iterator[No
         raise
     except ImportError as error:  # s3fs, gcsfs, aiohttp, ...
         message, remedy = f"its store needs another package: {error}", "install that package"
-        raise kind(message, file=shown(url), remedy=remedy) from error
+        raise kind(message, file=without_credentials(url), remedy=remedy) from error
     except Exception as error:  # every kind of store has its own exceptions
         words, remedy = _without_secrets(str(error), url) or type(error).__name__, "check the URL and your rights there"
-        raise kind(f"cannot be {done}: {words}", file=shown(url), remedy=remedy) from error
+        raise kind(f"cannot be {done}: {words}", file=without_credentials(url), remedy=remedy) from error
 
 
 def _without_secrets(words: str, url: str) -> str:
-    """Remove the secrets that ``shown`` omits from a message about a URL, as a whole and in parts."""
+    """Remove the secrets that ``without_credentials`` omits from a message about a URL, as a whole and in parts."""
     user = url.partition("://")[2].partition("/")[0].rpartition("@")[0]
     query = re.split(r"[?#]", url, maxsplit=1)[1:] if url.startswith("http") else []
     secrets = {part for text in (user, *user.split(":"), *query) for part in (text, unquote(text)) if part}
-    words = words.replace(url, shown(url))
+    words = words.replace(url, without_credentials(url))
     for secret in sorted(secrets, key=len, reverse=True):
         words = words.replace(secret, "...")
     return words

@@ -136,9 +136,9 @@ def _faults(effect: Effect, known: set[str]) -> Iterator[str]:
     if effect.needs_motion not in ("", "joints", "acceleration"):
         yield f"needs_motion {effect.needs_motion!r} is neither joints nor acceleration"
     if not any((effect.transform, effect.reading, effect.recording)):
-        yield "give it a reading, a transform or a recording, or it does nothing"
+        yield "give it at least one of reading, transform and recording"
     if effect.recording and (effect.transform or effect.reading):
-        yield "a recording acts alone; make the reading or transform an effect of its own"
+        yield "recording cannot be combined with reading or transform; define two effects"
     if any(effect.filter_noise == other.filter_noise != "" for other in CATALOGUE.values()):
         yield "filter_noise is for built-in effects; use widen"
     parameters: Any = effect.parameters
@@ -159,7 +159,7 @@ def _faults_of_fit(effect: Effect) -> Iterator[str]:
     search = fit.search
     if isinstance(search, fitting.Samples):
         if not effect.recording:
-            yield "what is read off samples must have a recording"
+            yield "an effect with search=Samples(...) needs a recording function"
         if search.sign not in fitting.SIGNS:
             yield f"the sign {search.sign!r} is none of {', '.join(fitting.SIGNS)}"
         return
@@ -181,7 +181,7 @@ def _faults_of_fit(effect: Effect) -> Iterator[str]:
         case fitting.Entries(matrix) if effect.parameter(matrix).shape != (6, 6):
             yield f"parameter {matrix!r} is no matrix (6, 6)"
         case fitting.ByJoint() if not effect.transform:
-            yield "what moves a joint must have a transform"
+            yield "an effect with search=ByJoint(...) needs a transform function"
 
 
 def _faults_of_parameter(parameter: Parameter) -> Iterator[str]:
@@ -217,11 +217,11 @@ def _is_key(name: Any) -> bool:
     return isinstance(name, str) and name.isidentifier() and name.isascii() and not keyword.iskeyword(name)
 
 
-OF_JOINTS = "it is of the joints of an arm, and the sensor's pose is recorded instead"
+OF_JOINTS = "it acts on the joints of an arm, but the sensor's pose is recorded instead"
 OF_ACCELERATION = "the sensor's acceleration is not recorded"
 
 
-def not_shown(setup: Setup) -> dict[str, str]:
+def unobservable_effects(setup: Setup) -> dict[str, str]:
     """Effects that are unobservable in any log of this setup: name -> reason."""
     if setup.pose is None:
         return {}
@@ -230,9 +230,9 @@ def not_shown(setup: Setup) -> dict[str, str]:
     return {name: why[motion] for name, motion in needed.items() if motion in why}
 
 
-def check_shown(effects: Mapping[str, Any], setup: Setup, error: MakeError = SetupError, prefix: str = "") -> None:
+def check_observable(effects: Mapping[str, Any], setup: Setup, error: MakeError = SetupError, prefix: str = "") -> None:
     """Raise an error for effects, name -> values as written, that are unobservable in any log of this setup."""
-    reasons = not_shown(setup)
+    reasons = unobservable_effects(setup)
     of_terms = [section for section in effects.get(TERM, ()) if isinstance(section, Mapping)]
     if setup.pose is not None and any("joint" in f"{s.get('drive')} {s.get('frame')}" for s in of_terms):
         reasons[TERM] = OF_JOINTS

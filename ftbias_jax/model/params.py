@@ -15,7 +15,7 @@ from ftbias_jax.model.effects.types import Values
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm
 from ftbias_jax.model.motion_noise import MotionNoise
-from ftbias_jax.model.own_effects import catalogue_of_setup, check_shown
+from ftbias_jax.model.own_effects import catalogue_of_setup, check_observable
 from ftbias_jax.model.wrench.tool_wrench import DataNoise, data_variance, tool_parameters
 from ftbias_jax.runtime.kept_programs import keep_program
 from ftbias_jax.setup.require import require_tool, with_guessed_tool
@@ -135,7 +135,7 @@ def params_from_setup(setup: Setup, dtype: Any = None) -> Params:
     )
     catalogue = catalogue_of_setup(setup)
     stated = values_from_setup(setup.effects, setup.path, catalogue)
-    check_shown(setup.effects, setup, partial(SetupError, file=setup.path), "effects.")
+    check_observable(setup.effects, setup, partial(SetupError, file=setup.path), "effects.")
     effects, noise = _split_noise(stated, 1 if setup.pose else n, setup.path, catalogue)
     params = params._replace(
         effects=values_of(effects, catalogue) if effects else None, bias=params.bias._replace(**noise)

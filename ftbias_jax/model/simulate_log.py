@@ -26,7 +26,7 @@ from ftbias_jax.model.effects.catalogue import (
 )
 from ftbias_jax.model.effects.terms.parse import TERM, flat_numbers
 from ftbias_jax.model.effects.types import Effect, Model, Values
-from ftbias_jax.model.own_effects import catalogue_of_setup, check_shown
+from ftbias_jax.model.own_effects import catalogue_of_setup, check_observable
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.model.pose_log import tumbling, with_positions
 from ftbias_jax.model.simulate import simulate as simulate_with_params
@@ -226,7 +226,7 @@ def check_motion(duration: float, rate: float, motion: str | Log) -> None:
             raise UsageError(f"must be a positive number, not {value!r}", field=name)
     if duration * rate > MOST_SAMPLES:
         remedy = f"ask for at most {MOST_SAMPLES} samples: seconds times rate"
-        raise UsageError(f"{duration * rate:.3g} samples do not fit the memory", field="duration", remedy=remedy)
+        raise UsageError(f"{duration * rate:.3g} samples do not fit into memory", field="duration", remedy=remedy)
 
 
 def columns_of(columns: Mapping[str, Array] | None, motion: str | Log, t: Array) -> dict[str, Array]:
@@ -254,7 +254,7 @@ def all_values(setup: Setup, effects: Mapping[str, Mapping[str, Any]], model: Mo
     """Values of the setup's effects, overridden by ``effects``, in the catalogue's order; {} = typical values."""
     catalogue = catalogue_of_setup(setup)
     checked = check_effects(effects, catalogue)
-    check_shown(effects, setup, partial(UsageError, file="effects"))
+    check_observable(effects, setup, partial(UsageError, file="effects"))
     typical = {name: typical_values(catalogue[name], model) for name in effects if name not in checked}
     values = values_from_setup(setup.effects, setup.path, catalogue) | typical | checked
     return {name: values[name] for name in (*catalogue, TERM) if name in values}

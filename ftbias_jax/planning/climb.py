@@ -141,24 +141,24 @@ def noise_information(task: Task, moving: ArmMotion, speed: Float[Array, "U n"])
     return noise.samples / 2 * jnp.einsum("uap,uaq->pq", slopes, slopes)
 
 
-def worth(told: Float[Array, "C C"], scale: Float[Array, " P"], names: tuple[str, ...]) -> Float[Array, ""]:
+def worth(information: Float[Array, "C C"], scale: Float[Array, " P"], names: tuple[str, ...]) -> Float[Array, ""]:
     """Objective to minimise: the mean log standard error, or minus the logarithm of the separation of two effects."""
     if len(names) == 1:
-        return mean_log_error(told, scale, PRIOR)
-    return -jnp.log(jnp.minimum(*separations(told, len(scale))) + 1e-9)
+        return mean_log_error(information, scale, PRIOR)
+    return -jnp.log(jnp.minimum(*separations(information, len(scale))) + 1e-9)
 
 
-def separations(told: Float[Array, "C C"], second: int) -> list[Array]:
+def separations(information: Float[Array, "C C"], second: int) -> list[Array]:
     """nats by which each of two effects is separated from the other one with free parameters.
 
     This is the criterion of T-optimal designs for model discrimination.
 
     Args:
-        told: (C, C) products of ``asked.columns``: the first's difference from the second, ``second`` derivatives of
-            the second, the same with the roles exchanged, and the six changes due to the inertia.
+        information: (C, C) products of ``asked.columns``: the first's difference from the second, ``second``
+            derivatives of the second, the same with the roles exchanged, and the six changes due to the inertia.
         second: number of derivatives of the second effect.
     """
-    return [unexplained(told[np.ix_(rows, rows)], 6) for rows in either(len(told), second)]
+    return [unexplained(information[np.ix_(rows, rows)], 6) for rows in either(len(information), second)]
 
 
 def either(count: int, second: int) -> list[np.ndarray]:
@@ -186,9 +186,9 @@ def climb(
 
     def loss(free: Array) -> tuple[Array, Array]:
         _, moved = within(task.points, task.limits, task.start, free)
-        told, over = products(task, moved, names, catalogue)
+        information, over = products(task, moved, names, catalogue)
         beyond = jnp.maximum(over, 0) ** 2
-        return worth(told, task.scale, names) + penalty * (beyond.mean() + beyond.max(1).sum()), told
+        return worth(information, task.scale, names) + penalty * (beyond.mean() + beyond.max(1).sum()), information
 
     def step(k: Array, carry: Any) -> Any:
         free, adam, _ = carry
@@ -202,13 +202,13 @@ def climb(
     return tuple(state), *found
 
 
-def told_by(task: Task, coefficients: np.ndarray, names: tuple[str, ...], catalogue: Catalogue) -> np.ndarray:
+def information_of(task: Task, coefficients: np.ndarray, names: tuple[str, ...], catalogue: Catalogue) -> np.ndarray:
     """(C, C) ``products`` of the unscaled motion with these coefficients (n, M), by the program of ``climb``."""
     far = np.full(len(task.start), 1e6)  # finite, because no share of a limit may have an infinite derivative
     free = task.limits._replace(lower=-far, upper=far, velocity=far, acceleration=far, jerk=far)
     state = (coefficients, optax.scale_by_adam().init(jnp.asarray(coefficients)))
-    told = climb(state, task._replace(limits=free), np.zeros(STEPS), 1, 0.0, names=names, catalogue=catalogue)[2]
-    return np.asarray(told)
+    information = climb(state, task._replace(limits=free), np.zeros(STEPS), 1, 0.0, names=names, catalogue=catalogue)[2]
+    return np.asarray(information)
 
 
 def with_nearest(task: Task, coefficients: np.ndarray, names: tuple[str, ...], catalogue: Catalogue) -> Task:
@@ -221,9 +221,9 @@ def with_nearest(task: Task, coefficients: np.ndarray, names: tuple[str, ...], c
         return task._replace(numbers=((*one[:3], first), (*two[:3], second), inertia))
 
     for _ in range(NEAREST_STEPS):
-        told, before = told_by(with_values(*tried), coefficients, names, catalogue), list(least)
-        for i, rows in enumerate(either(len(told), len(two[2]))):
-            products = told[np.ix_(rows, rows)]
+        information, before = information_of(with_values(*tried), coefficients, names, catalogue), list(least)
+        for i, rows in enumerate(either(len(information), len(two[2]))):
+            products = information[np.ix_(rows, rows)]
             if products[0, 0] < least[i]:
                 least[i], best[i], size = products[0, 0], tried[i], len(tried[i])
                 normal = products[1:, 1:] + np.diag(np.repeat([0.0, 1.0], [size, 6]))

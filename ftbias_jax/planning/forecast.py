@@ -88,8 +88,8 @@ def forecast(
         places = [rows[1:-6] for rows in reversed(either(len(both), len(asked[1].at)))]
     cannot = [one for a, at in zip(asked, places, strict=True) for one in undetermined(both[np.ix_(at, at)], a)]
 
-    def stds(told: np.ndarray) -> np.ndarray:
-        return np.concatenate([stds_of(told[np.ix_(at, at)], a) for a, at in zip(asked, places, strict=True)])
+    def stds(information: np.ndarray) -> np.ndarray:
+        return np.concatenate([stds_of(information[np.ix_(at, at)], a) for a, at in zip(asked, places, strict=True)])
 
     separates = {}
     if len(asked) == 2:
@@ -100,7 +100,9 @@ def forecast(
         raise UsageError(f"no motion tells: it {NOTHING}", field=asked[0].name, remedy=_extra(effects))
     elif not (stds(of_plan) < AS_GOOD * np.nan_to_num(stds(of_rest), nan=np.inf)).any():
         remedy = "record longer, with the arm at rest"
-        raise UsageError("no motion tells more than standing still does", field=asked[0].name, remedy=remedy)
+        raise UsageError(
+            "no motion gives smaller standard errors than standing still", field=asked[0].name, remedy=remedy
+        )
     several = len(asked) > 1
     return Forecast(
         tuple(f"{a.name}.{label}" if several else label for a in asked for label in a.labels),
@@ -113,9 +115,9 @@ def forecast(
     )
 
 
-def _twins(name: str, told: np.ndarray, second: int, effects: Sequence[Effect]) -> list[Cannot]:
+def _twins(name: str, information: np.ndarray, second: int, effects: Sequence[Effect]) -> list[Cannot]:
     """Return two effects that the plan does not separate; raise an error if no motion can separate them."""
-    nats = float(min(separations(told, second)))
+    nats = float(min(separations(information, second)))
     if nats < HOPELESS:
         message = f"no motion separates {name.replace(':', ' and ')}, as large as they are taken to be: they {SAME}"
         raise UsageError(message, field="for", remedy=_extra(effects))
@@ -165,10 +167,10 @@ def columns_of_log(
 
 def information_of_logs(problem: Problem, names: tuple[str, ...], numbers: Any) -> Float[np.ndarray, "C C"]:
     """(C, C) products of ``asked.columns`` over recorded logs, in standard deviations of the noise of these logs."""
-    told = []
+    information = []
     for part in problem.parts:
         made = columns_of_log(part.signals, problem.known, numbers, names=names, catalogue=problem.catalogue)
         white = part.whiten(np.asarray(made)[:, : part.used])
         flat = white.reshape(len(white), -1)
-        told.append(flat @ flat.T)
-    return np.sum(told, axis=0)
+        information.append(flat @ flat.T)
+    return np.sum(information, axis=0)

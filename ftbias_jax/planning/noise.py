@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ftbias_jax.filtering.params_for_log import likeliest_params
+from ftbias_jax.filtering.params_for_log import max_likelihood_params
 from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.model.params import JointNoise
@@ -33,7 +33,7 @@ def noise_of(
         for x, std in ((q, joints.position_noise_std), (dq, joints.velocity_noise_std))
     )
     dt, nothing = (jnp.full(shape, value) for shape, value in (((len(q),), 1 / rate), ((len(q), 6), 0.0)))
-    params = likeliest_params(setup, Sample(dt, jnp.asarray(q), jnp.asarray(dq), nothing), options)
+    params = max_likelihood_params(setup, Sample(dt, jnp.asarray(q), jnp.asarray(dq), nothing), options)
     bias = params.bias
     return Noise(
         bias.wrench_variance,

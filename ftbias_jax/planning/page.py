@@ -38,13 +38,14 @@ ROW, NAMES = 24, 100
 
 def plan_page(plan: Plan) -> str:
     """HTML of a plan, as one self-contained file."""
-    told, columns = plan.forecast, plan.forecast.columns
-    names = [f"{name} [{unit}]" for name, unit in zip(told.labels, told.units, strict=True)]
+    forecast, columns = plan.forecast, plan.forecast.columns
+    names = [f"{name} [{unit}]" for name, unit in zip(forecast.labels, forecast.units, strict=True)]
     rows = list(zip(names, *columns.values(), strict=True))
     separates = [
-        f"{escape(name)}: {nats:.1f} nats; five standard deviations are 12.5" for name, nats in told.separates.items()
+        f"{escape(name)}: {nats:.1f} nats; five standard deviations are 12.5"
+        for name, nats in forecast.separates.items()
     ]
-    cannot = [f"{escape(one.pair)}: {escape(one.why)}" for one in told.cannot]
+    cannot = [f"{escape(one.pair)}: {escape(one.why)}" for one in forecast.cannot]
     paths = "".join(figure(_path(plan, *view), f"The path of the tip, {view[0]}, base frame.") for view in VIEWS)
     joints = "".join(figure(_joint(plan, j), "") for j in range(plan.motion.q.shape[1]))
     used = figure(_used(plan), "Largest share over all joints, at 1 kHz.")

@@ -18,7 +18,7 @@ from ftbias_jax.model.params import Params, params_from_setup
 from ftbias_jax.model.trajectories import working_range
 from ftbias_jax.planning.asked import NOISE, TOOL, asked_for, inertia_std
 from ftbias_jax.planning.checked import excess_at_rest, times, used_shares, within_limits
-from ftbias_jax.planning.climb import Task, best_shape, told_by, with_nearest
+from ftbias_jax.planning.climb import Task, best_shape, information_of, with_nearest
 from ftbias_jax.planning.forecast import forecast, information_of_logs
 from ftbias_jax.planning.limits import Limits, check_start, limits_of
 from ftbias_jax.planning.noise import noise_of
@@ -108,18 +108,18 @@ def plan(
     task = task._replace(noise=noise_of(setup, motion.q, motion.dq, rate, task.points.t))
     if len(asked) == 2:
         task = with_nearest(task, coefficients, names, catalogue)
-    of_plan = told_by(task, coefficients, names, catalogue)
+    of_plan = information_of(task, coefficients, names, catalogue)
     of_logs = (
         information_of_logs(make_problem(setup, logs)[0], names, task.numbers) if logs and names != (NOISE,) else None
     )
-    of_rest = told_by(task, STILL * coefficients, names, catalogue)
+    of_rest = information_of(task, STILL * coefficients, names, catalogue)
     entries = [catalogue[name] for name in names if name in catalogue]
     expected = forecast(asked, of_plan, of_rest, of_logs, entries)
     checked = motion_at(times(duration), duration, first, coefficients)
     used = used_shares(limits_of(setup, first, 0.0)[0], first, checked)
-    told = Options(to_find, duration, rate, margin, seed)
+    chosen = Options(to_find, duration, rate, margin, seed)
     return Plan(
-        setup, told, asked, motion, coefficients, expected, used, assumed, tuple(logs), time.monotonic() - began
+        setup, chosen, asked, motion, coefficients, expected, used, assumed, tuple(logs), time.monotonic() - began
     )
 
 

@@ -106,18 +106,18 @@ class Plan:
 
     def plain(self) -> dict[str, Any]:
         """Expected standard errors, separations, what is not determined, and shares of limits, as plain numbers."""
-        told = self.forecast
+        forecast = self.forecast
 
         def named(stds: np.ndarray | None) -> Any:
-            return None if stds is None else plain(dict(zip(told.labels, stds, strict=True)))
+            return None if stds is None else plain(dict(zip(forecast.labels, stds, strict=True)))
 
         return {
             "duration": self.options.duration,
-            "expected_std": named(told.plan),
-            "from_log_std": named(told.logs),
-            "together_std": named(told.together),
-            "separates": told.separates,
-            "cannot": [one._asdict() for one in told.cannot],
+            "expected_std": named(forecast.plan),
+            "from_log_std": named(forecast.logs),
+            "together_std": named(forecast.together),
+            "separates": forecast.separates,
+            "cannot": [one._asdict() for one in forecast.cannot],
             "limits": {
                 "largest_share": dict(zip(QUANTITIES, self.used.max(1).tolist(), strict=True)),
                 "margin": self.options.margin,
@@ -129,12 +129,14 @@ class Plan:
         }
 
     def __str__(self) -> str:
-        told, columns = self.forecast, self.forecast.columns
+        forecast, columns = self.forecast, self.forecast.columns
         lines = ["".join(f"{word:>16s}" for word in ("standard error", *columns))]
-        for *words, unit in zip(told.labels, *columns.values(), told.units, strict=True):
+        for *words, unit in zip(forecast.labels, *columns.values(), forecast.units, strict=True):
             lines.append("".join(f"{word:>16s}" for word in words) + f"  {unit}")
-        lines += [f"separates {name} by {nats:.1f} nats (five sigma: 12.5)" for name, nats in told.separates.items()]
-        lines += [f"does not determine {one.pair}: {one.why}" for one in told.cannot]
+        lines += [
+            f"separates {name} by {nats:.1f} nats (five sigma: 12.5)" for name, nats in forecast.separates.items()
+        ]
+        lines += [f"does not determine {one.pair}: {one.why}" for one in forecast.cannot]
         used = ", ".join(f"{name} {share:.0%}" for name, share in zip(QUANTITIES, self.used.max(1), strict=True))
         lines.append(f"at most, of the limits: {used}")
         lines += [f"assumed: {words}" for words in self.assumed]

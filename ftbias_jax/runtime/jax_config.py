@@ -99,7 +99,7 @@ def in_float64(verb: Callable[P, R]) -> Callable[P, R]:
 def same_precision(function: Callable[P, R]) -> Callable[P, R]:
     """Wrap a function for other threads, so that it runs with the precision, device and context of this thread."""
     config: Any = jax.config  # JAX's type hints lack its settings
-    wide, device, context = is_wide(), config.jax_default_device, copy_context()
+    wide, device, context = is_float64(), config.jax_default_device, copy_context()
 
     @wraps(function)
     def run(*arguments: P.args, **named: P.kwargs) -> R:
@@ -111,7 +111,7 @@ def same_precision(function: Callable[P, R]) -> Callable[P, R]:
 
 def _precision(wide: bool) -> AbstractContextManager[object]:
     # An unchanged setting is not set again, because JAX would retrace its programs.
-    return nullcontext() if wide == is_wide() else jax.enable_x64(wide)
+    return nullcontext() if wide == is_float64() else jax.enable_x64(wide)
 
 
 def _is_chosen() -> bool:
@@ -138,7 +138,7 @@ def accelerator() -> Any:
     return None if on_cpu() else config.jax_default_device or jax.devices()[0]
 
 
-def is_wide() -> bool:
+def is_float64() -> bool:
     """Whether arrays created in this thread now have double precision."""
     return bool(jnp.result_type(float) == jnp.float64)
 

@@ -28,7 +28,7 @@ from jax.experimental.serialize_executable import deserialize_and_load, serializ
 
 from ftbias_jax.files import replace_whole
 from ftbias_jax.runtime.compiled_loops import on_cpu
-from ftbias_jax.runtime.jax_config import is_plain, is_wide
+from ftbias_jax.runtime.jax_config import is_float64, is_plain
 
 FEW_CALLS, MANY_CALLS = 0, 1
 """LLVM optimisation levels. Programs of level 0 compile in less than half the time but take four times as long to run;
@@ -67,8 +67,8 @@ class KeptProgram:
 
     def _program(self, leaves: list[Any], tree: Any, static: dict[str, Any]) -> Callable[..., Any]:
         shapes = shapes_of(leaves)
-        told = tree, shapes, tuple(static.items()), is_wide(), on_cpu()
-        fast, asked = ((*told, level) for level in (MANY_CALLS, _level.get()))
+        identity = tree, shapes, tuple(static.items()), is_float64(), on_cpu()
+        fast, asked = ((*identity, level) for level in (MANY_CALLS, _level.get()))
         with self._lock:
             key = fast if fast in self._ready else asked
             mine = key not in self._ready

@@ -12,25 +12,25 @@ from ftbias_jax.runtime.executors import run_with
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-LOST = "its workers were lost again and again: too little memory?"
+LOST = "its workers died repeatedly, possibly for lack of memory"
 
 
 def do_each(
     work: Callable[[Task], Result],
     tasks: Iterable[Task],
     executor: Executor | None,
-    told: Callable[[Result | None], object] = lambda result: None,
+    on_result: Callable[[Result | None], object] = lambda result: None,
 ) -> list[Result | None]:
     """Results of ``work`` (``run_with``) in the order of the tasks; None = a task's workers were lost repeatedly.
 
-    Tasks are taken one at a time, by the executor's workers or this thread; ``told`` receives each result when ready.
+    Tasks are taken one at a time, by the executor's workers or this thread; ``on_result`` gets each result when ready.
     """
     found: dict[int, Result | None] = {}
     numbered = enumerate(tasks)
     each = run_with(executor, partial(_numbered, work), numbered) if executor else ((x, work(x[1])) for x in numbered)
     for (i, _), result in each:
         found[i] = result
-        told(result)
+        on_result(result)
     return [found[i] for i in range(len(found))]
 
 
@@ -66,7 +66,7 @@ def results_of(
     work: Callable[[Task], Result],
     logs: Iterable[Task],
     executor: Executor | None,
-    told: Callable[[Result | FtbiasError | None], object] = lambda result: None,
+    on_result: Callable[[Result | FtbiasError | None], object] = lambda result: None,
     sets: Callable[[Iterable[Task]], Iterable[Result | FtbiasError]] | None = None,
 ) -> Results[Result]:
     """Process every log, or path of a log, separately and return its result or error; otherwise as ``do_each``.
@@ -85,16 +85,18 @@ def results_of(
 
     found = list[Result | FtbiasError | None]()
     if sets is None:
-        found = do_each(partial(_or_error, work), noted(), executor, told)
+        found = do_each(partial(_or_error, work), noted(), executor, on_result)
     else:
         for result in sets(noted()):
-            told(result)
+            on_result(result)
             found.append(result)
     if not found:
         raise UsageError("there is no log", field="logs", remedy="give at least one")
-    told_of = [LogError(LOST, file=name) if one is None else one for name, one in zip(named, found, strict=True)]
-    errors = {i: one for i, one in enumerate(told_of) if isinstance(one, FtbiasError)}
-    return Results(tuple(None if isinstance(one, FtbiasError) else one for one in told_of), errors)
+    results_or_errors = [
+        LogError(LOST, file=name) if one is None else one for name, one in zip(named, found, strict=True)
+    ]
+    errors = {i: one for i, one in enumerate(results_or_errors) if isinstance(one, FtbiasError)}
+    return Results(tuple(None if isinstance(one, FtbiasError) else one for one in results_or_errors), errors)
 
 
 def _or_error(work: Callable[[Task], Result], log: Task) -> Result | FtbiasError:

@@ -71,7 +71,7 @@ class Stages:
         self._stage = stage
 
     def _show(self) -> None:
-        shown, told = "", -SELDOM
+        shown, last_shown = "", -SELDOM
         if self._ended.wait(QUIET):
             return
         while True:
@@ -79,9 +79,9 @@ class Stages:
             text = f"{self._label}: {stage}, {elapsed:.0f} s"
             if self._terminal:
                 self._stream.write(f"\r{text}\x1b[K")
-            elif stage != shown or elapsed - told >= SELDOM:
+            elif stage != shown or elapsed - last_shown >= SELDOM:
                 self._stream.write(f"{text}\n")
-                shown, told = stage, elapsed
+                shown, last_shown = stage, elapsed
             self._stream.flush()
             if self._ended.wait(OFTEN):
                 break

@@ -2,7 +2,14 @@
 
 import numpy as np
 
-from ftbias_jax.model.effects.responses import BUTTERWORTH, FIRST, SECOND, lag_factors, swing_factors, swing_on
+from ftbias_jax.model.effects.responses import (
+    BUTTERWORTH,
+    FIRST,
+    SECOND,
+    lag_factors,
+    oscillator_factors,
+    oscillator_step,
+)
 from ftbias_jax.model.effects.types import EffectValues
 from ftbias_jax.types import Array
 
@@ -24,8 +31,8 @@ def lagging_behind(low_pass: EffectValues, lag: Array, gained: Array, dt: Array)
     decay, passed = lag_factors(dt, low_pass["cutoff"])
     first, slope, settled = decay * lag[:, 0] - passed * gained, gained / dt, 2 * BUTTERWORTH / w
     kick = lag[:, 2] - slope
-    factors = swing_factors(dt, w, BUTTERWORTH)
-    swing, rate = swing_on(lag[:, 0] - settled * kick, lag[:, 1] + kick, w, BUTTERWORTH, *factors)
+    factors = oscillator_factors(dt, w, BUTTERWORTH)
+    swing, rate = oscillator_step(lag[:, 0] - settled * kick, lag[:, 1] + kick, w, BUTTERWORTH, *factors)
     is_first = low_pass["order"] < (FIRST + SECOND) / 2
     following = xp.where(is_first, xp.stack([first, lag[:, 1], lag[:, 2]], 1), xp.stack([swing, rate, slope], 1))
     return xp.where(is_first, first, swing - settled * slope), following

@@ -76,7 +76,7 @@ def mend_mjcf(setup: Setup, scene: Mjcf, output: str) -> Mended:
 def _mend_tool(texts: Texts, physics: Physics) -> tuple[str, dict[int, RigidBody]]:
     """Reason why it cannot be done ("" = none), and the body to change, with its new inertia, in the site's frame."""
     scene, wanted = texts.scene, physics.tool
-    wanted = wanted.seen_from(physics.sensor_believed.T, -physics.sensor_believed.T @ physics.sensor_position)
+    wanted = wanted.seen_from(physics.sensor_nominal.T, -physics.sensor_nominal.T @ physics.sensor_position)
     bodies = scene.distal_bodies()
     whole = distal_body(scene, bodies)
     if whole is not None and same_body(whole, wanted):

@@ -44,7 +44,7 @@ def on_springs(texts: Texts, physics: Physics, bodies: dict[int, RigidBody]) -> 
     if not rigid or carrier is None or any(texts.body(body) is None for body in rigid):
         return "a body of the tool has no name in the files, or none has a mass", bodies
     share = min(float(values["share"].max()), MOST_SHARE)
-    tool = reduce(joined, rigid.values()).seen_from(physics.sensor_believed, physics.sensor_position)
+    tool = reduce(joined, rigid.values()).seen_from(physics.sensor_nominal, physics.sensor_position)
     document, element = carrier
     joints = _joints(values, share, tool)
     document.insert(element, _swinging(scene, physics, RigidBody(share * tool.mass, *tool[1:]), share, joints))
@@ -81,7 +81,7 @@ def _swinging(scene: Mjcf, physics: Physics, part: RigidBody, share: float, join
     """MJCF of the sprung body, whose frame is that of the sensor."""
     axes = axes_of(scene.model.site_quat[scene.site])
     at = numbers(scene.model.site_pos[scene.site] + axes @ physics.sensor_position)
-    quat = numbers(quaternions_of((axes @ physics.sensor_believed)[None])[0])
+    quat = numbers(quaternions_of((axes @ physics.sensor_nominal)[None])[0])
     inertia = numbers(share * part.inertia[FULL])
     inertial = f'<inertial pos="{numbers(part.center)}" mass="{numbers([part.mass])}" fullinertia="{inertia}"/>'
     lines = "".join(f"\n  {line}" for line in (*joints, inertial))
@@ -128,7 +128,7 @@ def mend_drag(texts: Texts, physics: Physics, drags: Sequence[Mapping[str, Any]]
 
 def in_world(data: Any, scene: Mjcf, physics: Physics, point: Array) -> Array:
     """Point (3,) m of the nominal sensor frame, in the world frame."""
-    at_site = physics.sensor_position + physics.sensor_believed @ point
+    at_site = physics.sensor_position + physics.sensor_nominal @ point
     return data.site_xpos[scene.site] + data.site_xmat[scene.site].reshape(3, 3) @ at_site
 
 

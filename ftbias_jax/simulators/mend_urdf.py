@@ -59,7 +59,7 @@ def _move(document: Document, joint: Joint, offset: float) -> None:
 
 def _in_link(physics: Physics, link: Pose) -> RigidBody:
     """The tool in the frame of its link, which is fixed to the flange."""
-    turn = physics.sensor_believed.T
+    turn = physics.sensor_nominal.T
     return physics.tool.seen_from(turn, -turn @ physics.sensor_position).seen_from(link.rotation, link.translation)
 
 

@@ -55,7 +55,7 @@ class Physics(NamedTuple):
     """Inertial parameters, in the sensor frame as the setup states its mounting."""
     gravity: Array
     """(3,) m/s^2, base frame."""
-    sensor_believed: Array
+    sensor_nominal: Array
     """(3, 3) nominal axes of the sensor in the flange frame, as the setup states them."""
     sensor_rotation: Array
     """(3, 3) actual axes of the sensor in the flange frame."""
@@ -97,7 +97,7 @@ def physics_of(setup: Setup) -> Physics:
     return Physics(
         tool=RigidBody(float(mass), center, inertia_matrix(inertia)),
         gravity=np.asarray(moved.model.gravity),
-        sensor_believed=setup.sensor.rotation,
+        sensor_nominal=setup.sensor.rotation,
         sensor_rotation=setup.sensor.rotation @ rotation_from_vector(turn),
         sensor_position=setup.sensor.translation + setup.sensor.rotation @ shift,
         offsets=-np.asarray(moved.q)[0],

@@ -18,7 +18,7 @@ from ftbias_jax.filtering.smoother import smoothed_joints
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Column, Log
 from ftbias_jax.io.tables.array_files import load_arrays
-from ftbias_jax.model.effects.compose import BEYOND, tool_wrenches
+from ftbias_jax.model.effects.compose import EXTRA_WRENCH, tool_wrenches
 from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.runtime.jax_config import in_float64
@@ -26,7 +26,7 @@ from ftbias_jax.setup.mjcf import Mjcf
 from ftbias_jax.setup.types import Setup, sign_of
 from ftbias_jax.types import Array
 
-MODEL = tuple(name.replace("beyond", "wrench_model") for name in BEYOND)
+MODEL = tuple(name.replace("beyond", "wrench_model") for name in EXTRA_WRENCH)
 """Names in [log.columns] of the wrench that a simulator predicts for the log, N and Nm."""
 EVERY = 1000
 """Number of samples between two reports of progress."""
@@ -40,7 +40,7 @@ SETTLING = 30
 def joint_states(setup: Setup, log: Log) -> Array:
     """(T, n, 3) rad, rad/s, rad/s^2, smoothed joint positions, velocities, accelerations at a cleaned log's stamps."""
     options, samples = Options(joint_model=setup.joints.model), padded_samples(log)
-    params = params_for_log.likeliest_params(setup, samples, options)
+    params = params_for_log.max_likelihood_params(setup, samples, options)
     joints = smoothed_joints(params.joint, *samples[:3], model=options.joint_model)
     return np.asarray(joints.mean)[: len(log.t)]
 
@@ -150,7 +150,8 @@ def against(setup: Setup, log: Log, t: Array, wrench: Array, states: Array | Non
     model = Model(params.arm, params.gravity, params.theta)
     nominal = np.asarray(tool_wrenches(Signals(whole.t, q, dq, ddq, 0 * whole.t, model)))
     columns = {
-        name: Column(whole.t, np.interp(whole.t, t, wrench[:, k]) - nominal[:, k]) for k, name in enumerate(BEYOND)
+        name: Column(whole.t, np.interp(whole.t, t, wrench[:, k]) - nominal[:, k])
+        for k, name in enumerate(EXTRA_WRENCH)
     }
     return log._replace(columns={**log.columns, **columns})
 

@@ -8,8 +8,8 @@ import pytest
 from made_series import gauss_markov
 
 import ftbias_jax as ft
-from ftbias_jax.calibration.tune_levels import FAR, near_the_level
-from ftbias_jax.filtering.params_for_log import likeliest_params
+from ftbias_jax.calibration.tune_levels import FAR, start_from_observed_level
+from ftbias_jax.filtering.params_for_log import max_likelihood_params
 from ftbias_jax.filtering.samples import samples_from_log
 
 STD, DENSITY = np.repeat([0.05, 0.002], 3), np.repeat([0.02, 8e-4], 3)
@@ -39,7 +39,7 @@ def correlated(log):
 @pytest.fixture(scope="module")
 def right(log):
     """Parameters as the log was simulated with."""
-    return likeliest_params(SETUP, samples_from_log(log))
+    return max_likelihood_params(SETUP, samples_from_log(log))
 
 
 def off_by(params, sensor, drift):
@@ -51,14 +51,14 @@ def off_by(params, sensor, drift):
 
 @pytest.mark.slow
 def test_noise_that_is_right_stays_to_the_last_digit(log, right):
-    found = near_the_level(right, [log], BOTH, ft.Options())
+    found = start_from_observed_level(right, [log], BOTH, ft.Options())
     np.testing.assert_array_equal(found.bias.density, right.bias.density)
     np.testing.assert_array_equal(found.bias.wrench_variance, right.bias.wrench_variance)
 
 
 @pytest.mark.parametrize(("sensor", "drift"), [(500, 500), (1 / 500, 500), (1, 1 / 500), (500, 1 / 500)])
 def test_noise_that_is_wrong_by_500_comes_to_its_level(log, right, sensor, drift):
-    found = near_the_level(off_by(right, sensor, drift), [log], BOTH, ft.Options()).bias
+    found = start_from_observed_level(off_by(right, sensor, drift), [log], BOTH, ft.Options()).bias
     std = np.sqrt(found.wrench_variance)
     assert (np.abs(np.log(std / STD)) < np.log(FAR)).all()
     # A slow error that forecasts better, by chance, may stand for the drift of an axis: a log has few independent 10 s.
@@ -66,15 +66,17 @@ def test_noise_that_is_wrong_by_500_comes_to_its_level(log, right, sensor, drift
 
 
 def test_beside_slow_errors_a_drift_that_is_too_strong_comes_down(correlated, right):
-    found = near_the_level(off_by(right, 1, 500), [correlated], BOTH, ft.Options()).bias
+    found = start_from_observed_level(off_by(right, 1, 500), [correlated], BOTH, ft.Options()).bias
     assert (found.density < 10 * DENSITY).all()
 
 
 def test_what_is_not_fitted_stays_as_it_is_stated(log, right):
     wrong = off_by(right, 500, 500)
-    found = near_the_level(wrong, [log], ("density",), ft.Options()).bias
+    found = start_from_observed_level(wrong, [log], ("density",), ft.Options()).bias
     assert (found.wrench_variance == wrong.bias.wrench_variance).all()
-    assert jnp.all(near_the_level(wrong, [log], ("wrench_std",), ft.Options()).bias.density == wrong.bias.density)
+    assert jnp.all(
+        start_from_observed_level(wrong, [log], ("wrench_std",), ft.Options()).bias.density == wrong.bias.density
+    )
 
 
 @pytest.mark.slow

@@ -50,7 +50,7 @@ def test_poses_a_second_apart_stand_still():
 
 def test_a_long_log_is_looked_at_in_stretches(monkeypatch):
     monkeypatch.setattr("ftbias_jax.check.bins.MOST", 2000)
-    monkeypatch.setattr("ftbias_jax.check.bins.STRETCH", 50)
+    monkeypatch.setattr("ftbias_jax.check.bins.SEGMENT_BINS", 50)
     _, arrays = small_checks.right_log(duration=60)
     bins = bins_of(log_of(arrays), SETUP)
     assert 190 < len(bins.t) < 220

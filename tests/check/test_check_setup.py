@@ -382,7 +382,7 @@ def test_tares_of_several_logs_are_told_without_a_key():
     (finding,) = ft.check_setup(setup, [right, ft.Log.from_arrays(setup, **arrays)]).findings
     assert finding.mistake == "rezeroed"
     assert not finding.setup
-    assert "a check of this log alone tells them to the sample" in finding.remedy
+    assert "check this log on its own to get the times to the sample" in finding.remedy
 
 
 def pulled_by(tables, arrays, force, lever):

@@ -73,7 +73,7 @@ def test_error_bars_contain_the_stated_error_of_the_tool(logs, capsys):
     for name in ("bias_std", "contact_wrench_std", "bias_smooth_std"):
         np.testing.assert_allclose(after[name], np.hypot(before[name], 0.1 * before["wrench_tool"]), rtol=1e-5)
     np.testing.assert_array_equal(after["bias"], before["bias"])
-    assert "the error bars contain what is not known of the tool" in manifest()[0].repairs[0]
+    assert "the error bars include the uncertainty of the tool" in manifest()[0].repairs[0]
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ def files():
 
 @pytest.fixture
 def swapped(tmp_path, monkeypatch):
-    """Three logs of an arm of six joints; in the last one the torque stands where the force should be."""
+    """Three logs of an arm of six joints; in the last one force and torque are swapped."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "logs").mkdir()
     for seed in range(3):

@@ -225,7 +225,7 @@ def test_unseen_accelerations_of_a_log_of_orientations_are_found_in_steps(monkey
     monkeypatch.setattr(module, "judge", judge)
     setup = parse_setup(tomllib.loads(POSES))
     begin = module._State(setup, judge(setup, (), 0.25), ())
-    state = module._with_noise(begin, module._Road((), (), (), 0.25, lambda words: None, None, None))
+    state = module._with_noise(begin, module._Context((), (), (), 0.25, lambda words: None, None, None))
     assert state.setup.pose.acceleration_std == found
     (step,) = state.steps[-1:]
     assert step.kept is (found != 0.3)
@@ -234,7 +234,7 @@ def test_unseen_accelerations_of_a_log_of_orientations_are_found_in_steps(monkey
 
 def test_joints_have_no_unseen_accelerations():
     begin = module._State(TRUE, judged(), ())
-    assert module._with_noise(begin, module._Road((), (), (), 0.25, lambda words: None, None, None)) is begin
+    assert module._with_noise(begin, module._Context((), (), (), 0.25, lambda words: None, None, None)) is begin
 
 
 @pytest.mark.parametrize(("logs", "hold_out", "field"), [([], 0.25, "logs"), ([LOG], 0.95, "hold_out")])

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_judged import STRETCH, T, judged
+from made_judged import SEGMENT, T, judged
 
 from ftbias_jax.calibration.judgement import HORIZONS
 from ftbias_jax.cli.commands import demo
@@ -55,7 +55,7 @@ def test_one_bad_stretch_is_no_reason():
     """A single stretch decides the mean, and the jackknife sees that."""
     old = judged(1.0, 1)
     errors = old.errors.copy()
-    errors[:, STRETCH == 3] *= 3
+    errors[:, SEGMENT == 3] *= 3
     assert not compare(old, old._replace(errors=errors)).is_better
 
 

@@ -49,8 +49,11 @@ JOINT = Parameter("joint", "1", "whose", (), 1, 7, 1.0, 0.0, search=True)
         (entry(lambda v, s, w: None), "returns NoneType"),
         (entry(lambda v, s, w: w * v["other"]), "raises KeyError: 'other'"),
         (entry(lambda v, s, w: w + v["size"] + 1), "at neutral it changes the reading by 1"),
-        (entry(lambda v, s, w: w + v["size"] * jnp.sqrt(s.t - 100)[:, None]), "at neutral the reading is no number"),
-        (entry(lambda v, s, w: w + jnp.log(v["size"]) * 0), "at neutral the reading is no number"),
+        (
+            entry(lambda v, s, w: w + v["size"] * jnp.sqrt(s.t - 100)[:, None]),
+            "at neutral the reading is NaN or infinite",
+        ),
+        (entry(lambda v, s, w: w + jnp.log(v["size"]) * 0), "at neutral the reading is NaN or infinite"),
         (
             entry(lambda v, s, w: w + jnp.sqrt(v["size"]), SIZE._replace(lower=0)),
             "size: the reading cannot be differentiated",

@@ -10,7 +10,7 @@ from ftbias_jax.diagnosis.evidence.gap import HeldOut
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.search import Search, Threshold
-from ftbias_jax.diagnosis.thresholds import LEAST_GAIN, NATS_PER_DEGREE
+from ftbias_jax.diagnosis.thresholds import LEAST_GAIN, PENALTY_PER_PARAMETER
 
 BINS, SECONDS = 480, 48.0
 T = np.linspace(0, SECONDS, BINS, endpoint=False)
@@ -38,14 +38,14 @@ FIRST_BLOCK = T < 2.0
 def test_parameters_that_nothing_can_have_are_no_cause(monkeypatch):
     accepted, trial = fit_of(GAP), Scored(fit_of(GAP - 1.0, "tool_inertia"), 100.0)
     search = search_of(accepted, lambda fit, reference: HeldOut(fit.error, 100.0, 200.0, 1.0))
-    for moment, earned in ((1.0, True), (-1.0, False)):
+    for moment, acceptable in ((1.0, True), (-1.0, False)):
         values = {"inertia": [moment, 0.0, 0.0, 1.0, 0.0, 1.0]}
         monkeypatch.setattr(searching, "parameters", lambda *_, v=values: (v, {"inertia": [0.1] * 6}))
-        assert search.has_earned(Threshold(PROBLEM, 0.08**2), accepted, trial) is earned
+        assert search.is_acceptable(Threshold(PROBLEM, 0.08**2), accepted, trial) is acceptable
 
 
 @pytest.mark.parametrize(
-    ("why", "effect", "nats", "leaves", "held", "earned"),
+    ("why", "effect", "nats", "leaves", "held", "acceptable"),
     [
         ("all is well", "tool_mass", 13.0, GAP - 0.1, (3.0, 1.0), True),
         ("too little is gained beyond the price", "tool_mass", 11.9, GAP - 0.1, (3.0, 1.0), False),
@@ -57,15 +57,15 @@ def test_parameters_that_nothing_can_have_are_no_cause(monkeypatch):
         ("it removes as much as the owner would see", "tool_mass", 13.0, GAP - 0.007, (3.0, 1.0), True),
     ],
 )
-def test_what_a_cause_must_do(why, effect, nats, leaves, held, earned):
+def test_what_a_cause_must_do(why, effect, nats, leaves, held, acceptable):
     accepted, trial = fit_of(GAP), fit_of(leaves, effect)
 
     def hold_out(fit, reference):
         nats, by_noise = held
         return HeldOut(fit.error, nats, 2 * nats, by_noise)  # it acts in one block more than in others
 
-    got = search_of(accepted, hold_out).has_earned(Threshold(PROBLEM, 0.08**2), accepted, Scored(trial, nats))
-    assert got is earned, why
+    got = search_of(accepted, hold_out).is_acceptable(Threshold(PROBLEM, 0.08**2), accepted, Scored(trial, nats))
+    assert got is acceptable, why
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_a_slow_effect_on_the_bias_needs_a_share_only_beside_what_does_not_follo
 
 
 @pytest.mark.parametrize(
-    ("why", "effect", "before", "alone", "earned"),
+    ("why", "effect", "before", "alone", "acceptable"),
     [
         ("all that is left is slow", "warmup", 1.01, 1.01, True),
         ("the other causes moved on with it", "warmup", 1.01, 1.0, False),
@@ -111,7 +111,9 @@ def test_a_slow_effect_on_the_bias_needs_a_share_only_beside_what_does_not_follo
         ("what follows the motion even more so", "gain", 1.01, 1.01, False),
     ],
 )
-def test_a_slow_effect_on_the_bias_is_no_error_of_the_form_of_another(monkeypatch, why, effect, before, alone, earned):
+def test_a_slow_effect_on_the_bias_is_no_error_of_the_form_of_another(
+    monkeypatch, why, effect, before, alone, acceptable
+):
     """It removes a hundredth of the gap; all else would have to remove a fiftieth."""
     accepted, trial = fit_of(before + 0 * T), fit_of(before - 0.01 + 0 * T, effect)
     rest = fit_of(alone + 0 * T)._replace(log_likelihood=trial.log_likelihood - 500.0)
@@ -120,16 +122,16 @@ def test_a_slow_effect_on_the_bias_is_no_error_of_the_form_of_another(monkeypatc
     def hold_out(fit, reference):
         return HeldOut(fit.error, 3.0, 3.0, 1.0)
 
-    got = search_of(accepted, hold_out).has_earned(Threshold(PROBLEM, 0.02, 0.08**2), accepted, Scored(trial, 500.0))
-    assert got is earned, why
+    got = search_of(accepted, hold_out).is_acceptable(Threshold(PROBLEM, 0.02, 0.08**2), accepted, Scored(trial, 500.0))
+    assert got is acceptable, why
 
 
 @pytest.mark.parametrize(
     ("loss", "degrees", "redundant"),
     [
-        (LEAST_GAIN + NATS_PER_DEGREE + 1, 1, False),
-        (LEAST_GAIN + NATS_PER_DEGREE - 1, 1, True),
-        (LEAST_GAIN + 2 * NATS_PER_DEGREE, 3, True),  # three numbers cost more than one
+        (LEAST_GAIN + PENALTY_PER_PARAMETER + 1, 1, False),
+        (LEAST_GAIN + PENALTY_PER_PARAMETER - 1, 1, True),
+        (LEAST_GAIN + 2 * PENALTY_PER_PARAMETER, 3, True),  # three numbers cost more than one
     ],
 )
 def test_a_cause_that_later_ones_make_needless_is_dropped(monkeypatch, loss, degrees, redundant):

@@ -35,7 +35,7 @@ ELSEWHERE = {
     "samples/read.py": "half of a count",
     "samples/spikes.py": "lengths of windows",
     "samples/variance_fit.py": "when a solver has converged; folds",
-    "terms/library.py": "three axes",
+    "terms/dictionary.py": "three axes",
 }
 SMALL = (-1, 0, 1, 2)
 

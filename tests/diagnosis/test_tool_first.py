@@ -8,7 +8,7 @@ import pytest
 from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.diagnosis import tool_first
 from ftbias_jax.diagnosis.diagnose import diagnose
-from ftbias_jax.diagnosis.evidence.gap import Judge
+from ftbias_jax.diagnosis.evidence.gap import CrossValidation
 from ftbias_jax.diagnosis.hypothesis import at_values, at_zero, movable
 from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.diagnosis.regression.fit import base, fit
@@ -181,6 +181,6 @@ def test_gains_that_do_what_a_tool_does_come_after_it(monkeypatch, of_joints, by
 
     monkeypatch.setattr(tool_first, "search", search)
     monkeypatch.setattr(tool_first, "nats_of_joints", lambda problem: of_joints)
-    found = tool_first.search_causes(setup, problem, nominal, Judge(problem))
+    found = tool_first.search_causes(setup, problem, nominal, CrossValidation(problem))
     told = {h.effect for h in found.accepted.hypotheses}
     assert told == {"time_delay", "tool_com", "tool_mass" if by_tool else "gain"}

@@ -60,7 +60,7 @@ NO_FILES = {
     "a FIFO that would be waited for": (os.mkfifo, "is a FIFO"),
     "a device without an end": (lambda path: path.symlink_to("/dev/zero"), "is a device"),
     "a circle of links": (lambda path: path.symlink_to(path.name), "symbolic links"),
-    "a hole": (hole, r"has 42949672960 bytes, of which \d+ are stored: the rest is a hole"),
+    "a hole": (hole, r"has 42949672960 bytes, of which \d+ are stored: the file is sparse"),
 }
 
 

@@ -53,5 +53,10 @@ def test_a_covariance_that_is_no_number_leaves_the_standard_error_unknown(monkey
 
 
 def test_equations_without_a_solution_end_in_an_error_of_ours():
-    with pytest.raises(LogError, match="the log is no basis for a diagnosis: Singular matrix"), _typed_errors():
+    with (
+        pytest.raises(
+            LogError, match="the log cannot be diagnosed, because a linear system is singular: Singular matrix"
+        ),
+        _typed_errors(),
+    ):
         np.linalg.inv(np.zeros((2, 2)))

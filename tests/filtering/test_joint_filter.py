@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.filtering import joint_filter
-from ftbias_jax.filtering.params_for_log import likeliest_density
+from ftbias_jax.filtering.params_for_log import max_likelihood_density
 from ftbias_jax.filtering.process_models import JOINT_MODELS, matrix
 from ftbias_jax.model.params import JointNoise
 
@@ -188,7 +188,7 @@ def test_likeliest_density_finds_what_the_data_were_made_with():
         state = A @ state + np.linalg.cholesky(Q) @ rng.normal(size=(3, JOINTS)) * truth
     q, dq, _ = np.moveaxis(states, 1, 0)
     q, dq = q + 1e-4 * rng.normal(size=q.shape), dq + 1e-3 * rng.normal(size=q.shape)
-    found = likeliest_density(noise, jnp.asarray(dt), jnp.asarray(q), jnp.asarray(dq))
+    found = max_likelihood_density(noise, jnp.asarray(dt), jnp.asarray(q), jnp.asarray(dq))
     np.testing.assert_allclose(found, truth, rtol=0.25)
 
     def score(factor):
@@ -207,7 +207,7 @@ def test_likeliest_density_of_a_violent_log():
     dq = np.cumsum(ddq * 0.01, 0)
     q = np.cumsum(dq * 0.01, 0)
     noise = JointNoise(*map(jnp.asarray, (np.ones(3), [1e-5] * 3, [1e-3] * 3, [1.0, 1.0, 30.0])))
-    found = likeliest_density(noise, jnp.asarray(dt), jnp.asarray(q), jnp.asarray(dq))
+    found = max_likelihood_density(noise, jnp.asarray(dt), jnp.asarray(q), jnp.asarray(dq))
     near = np.linspace(0.9, 1.1, 41)
     tried = [noise._replace(process_density=found * factor) for factor in near]
     scores = np.array([run(each, dt, q, dq, "integrated_jerk")[1].log_likelihood.sum(0) for each in tried])

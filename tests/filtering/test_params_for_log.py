@@ -154,7 +154,7 @@ def test_permuting_the_names_and_columns_of_the_joints_changes_nothing(tmp_path_
 
 def test_a_stated_density_is_kept_to_smooth_and_guarded_to_filter(samples):
     setup = parse_setup({**YAW_PITCH_ROLL, "joints": {**YAW_PITCH_ROLL["joints"], "process_noise_density": [1, 2, 3]}})
-    np.testing.assert_array_equal(params_for_log.likeliest_params(setup, samples).joint.process_density, [1, 2, 3])
+    np.testing.assert_array_equal(params_for_log.max_likelihood_params(setup, samples).joint.process_density, [1, 2, 3])
     guarded = params_for_log.params_for_log(setup, samples).joint.process_density
     np.testing.assert_array_equal(guarded, params_for_log.LAG_GUARD * np.array([1, 2, 3]))
 

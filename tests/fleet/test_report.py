@@ -210,9 +210,9 @@ def test_a_cause_that_logs_show_together_is_an_alarm_of_its_robot(folder, tmp_pa
         for path in paths.values():
             path.unlink()
     words = "mount_rotation: since 2026-01-17 (95 %: 2026-01-15 to 2026-01-18), growing since, 1 % of it before"
-    told = capsys.readouterr().out
-    assert f"cell 1, sensor FT-01: logs together show {words}" in told
-    assert f"cell 9.toml: logs together show {words}" in told  # of a robot none of whose logs has a result
+    text = capsys.readouterr().out
+    assert f"cell 1, sensor FT-01: logs together show {words}" in text
+    assert f"cell 9.toml: logs together show {words}" in text  # of a robot none of whose logs has a result
     text = (tmp_path / "page.html").read_text()
     assert words in text
     assert "mount_rotation, share of what it is in the latest logs" in text

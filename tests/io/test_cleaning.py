@@ -86,8 +86,8 @@ def test_joints_where_no_arm_can_have_been_are_left_out_with_their_speeds():
     assert not np.isnan(cleaned.wrench).any()
     told = {repair.what: repair.lost for repair in cleaned.repairs}
     assert told == {
-        "the joints are still now and then, and have moved on at the next reading: 2 left out": False,
-        "the joints are where no arm can be, at 0.0, 2.8, 2.8 s: 3 readings left out": True,
+        "the joints repeat a stale reading while they move: 2 left out": False,
+        "the joints have implausible jumps at 0.0, 2.8, 2.8 s: 3 readings left out": True,
         "the velocities are where no arm can be, at 3.6 s: 1 readings left out": True,
     }
 
@@ -118,7 +118,7 @@ def test_a_log_that_goes_on_elsewhere_is_left_out_there():
         assert missing.sum() <= out.sum() + 2
     (repair,) = cleaned.repairs
     assert repair.lost
-    assert repair.what.startswith("the joints go on elsewhere at 5.0 s: samples are missing there")
+    assert repair.what.startswith("the joint positions are discontinuous at 5.0 s: samples are missing there")
     assert clean(cleaned).repairs == cleaned.repairs
 
 

@@ -42,15 +42,15 @@ def test_paths_and_urls_are_told_apart():
 
 
 @pytest.mark.parametrize(
-    ("url", "told"),
+    ("url", "expected"),
     [
         ("https://me:secret@host/a%20b.npz?sig=secret#x", "https://host/a%20b.npz"),
         ("s3://bucket/what?.npz", "s3://bucket/what?.npz"),
         ("runs/x.npz", "runs/x.npz"),
     ],
 )
-def test_secrets_of_a_url_are_not_shown(url, told):
-    assert fetch.shown(url) == told
+def test_secrets_of_a_url_are_not_shown(url, expected):
+    assert fetch.without_credentials(url) == expected
 
 
 def test_filter_names_the_url_and_its_sum(store):
@@ -132,9 +132,9 @@ def test_without_fsspec_the_extra_is_named(tmp_path, monkeypatch, capsys):
     (tmp_path / "setup.toml").write_text(SETUP)
     line = ["filter", "s3://me:secret@bucket/x.npz", "--setup", "setup.toml", "-o", "out.npz"]
     assert main(line) == 1
-    told = capsys.readouterr().err
-    assert "s3://bucket/x.npz: reading it needs the package fsspec (pip install 'ftbias-jax[remote]')" in told
-    assert "secret" not in told
+    text = capsys.readouterr().err
+    assert "s3://bucket/x.npz: reading it needs the package fsspec (pip install 'ftbias-jax[remote]')" in text
+    assert "secret" not in text
 
 
 @pytest.mark.parametrize("ask", [fetch.local_copy, fetch.listed])

@@ -100,7 +100,7 @@ def test_an_array_of_four_may_have_either_order_and_rows_need_a_rate(tmp_path):
         (
             ["a", "b", "c"],
             WRENCH[:, :3],
-            "has nothing that is known by its name: ftbias setup 1_part.csv --robot NAME",
+            "has no columns with known names: ftbias setup 1_part.csv --robot NAME",
         ),
     ],
 )

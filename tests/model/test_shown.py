@@ -11,28 +11,28 @@ from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.terms.columns import state_of
 from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.kinematics.recorded_pose import body_motion
-from ftbias_jax.model.own_effects import check_shown, not_shown
+from ftbias_jax.model.own_effects import check_observable, unobservable_effects
 from ftbias_jax.model.params import params_from_setup
 from ftbias_jax.setup import parse_setup
 
 
 def test_an_arm_shows_everything():
     setup = parse_setup(PANDA)
-    assert not_shown(setup) == {}
-    check_shown({"cable": {}, "encoder_offset": {}}, setup)
+    assert unobservable_effects(setup) == {}
+    check_observable({"cable": {}, "encoder_offset": {}}, setup)
 
 
 def test_effects_of_joints_and_of_accelerations_are_not_shown_by_an_orientation():
     turning, moving = (pose_setup(linear=linear) for linear in ("none", "position"))
-    assert set(not_shown(moving)) == {"encoder_offset", "cable"}
-    assert set(not_shown(turning)) - set(not_shown(moving)) == {
+    assert set(unobservable_effects(moving)) == {"encoder_offset", "cable"}
+    assert set(unobservable_effects(turning)) - set(unobservable_effects(moving)) == {
         "tool_flexibility",
         "tool_inertia",
         "mount_translation",
     }
-    check_shown({"gain": {}, "tool_flexibility": {}}, moving)
+    check_observable({"gain": {}, "tool_flexibility": {}}, moving)
     own = CATALOGUE["gain"]._replace(name="friction", needs_motion="joints")
-    assert "friction" in not_shown(moving.with_effects([own]))
+    assert "friction" in unobservable_effects(moving.with_effects([own]))
 
 
 @pytest.mark.parametrize(
@@ -40,9 +40,9 @@ def test_effects_of_joints_and_of_accelerations_are_not_shown_by_an_orientation(
 )
 def test_terms_of_joints_are_refused(term):
     setup = pose_setup()
-    check_shown({"term": [{"drive": "constant", "frame": "base"}]}, setup)
+    check_observable({"term": [{"drive": "constant", "frame": "base"}]}, setup)
     with pytest.raises(SetupError, match=r"effects\.term: does not go with"):
-        check_shown({"term": [term]}, setup, prefix="effects.")
+        check_observable({"term": [term]}, setup, prefix="effects.")
 
 
 def moving(count=30):

@@ -29,7 +29,7 @@ def test_a_mixture_that_no_motion_shows_is_named_by_its_parts():
 
 
 def test_nothing_is_planned_for_what_standing_still_shows_as_well():
-    with pytest.raises(UsageError, match="no motion tells more than standing still does"):
+    with pytest.raises(UsageError, match="no motion gives smaller standard errors than standing still"):
         forecast([asked()], 1.05 * np.eye(3), np.eye(3), None, [])
     with pytest.raises(UsageError, match="no motion tells: it changes the reading of no motion"):
         forecast([asked()], 1e-3 * np.eye(3), 1e-3 * np.eye(3), None, [])

@@ -92,7 +92,7 @@ def test_it_tells_more_than_random_motions_within_the_same_limits(setup, made):
     errors = []
     for free in random_shapes(5, 20, 7, count):
         coefficients = np.asarray(within(task.points, limits, start, jnp.asarray(free))[0])
-        told = climb.told_by(task, coefficients, ("tool",), ft.CATALOGUE)
+        told = climb.information_of(task, coefficients, ("tool",), ft.CATALOGUE)
         errors.append(np.exp(np.log(stds_of(told, asked) / scale).mean()))
     best = np.exp(np.log(made.forecast.plan / scale).mean())
     assert best < 0.67 * min(errors)

@@ -10,7 +10,7 @@ from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.errors import LogError, SetupError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.log import Log
-from ftbias_jax.model.effects.compose import BEYOND
+from ftbias_jax.model.effects.compose import EXTRA_WRENCH
 from ftbias_jax.model.simulate_log import simulate
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.mjcf import load_mjcf
@@ -127,7 +127,7 @@ def test_a_log_may_bring_the_wrench_of_its_simulator_in_columns_of_its_own(cell,
     np.savez(tmp_path / "log.npz", t=made.log.t, q=made.log.q, wrench=made.log.wrench, **arrays)
     log = read_log(tmp_path / "log.npz", setup)
     beside, expected = against_columns(setup, log), against(setup, log, log.t, wrench)
-    for name in BEYOND:
+    for name in EXTRA_WRENCH:
         np.testing.assert_allclose(beside.columns[name].values, expected.columns[name].values, atol=1e-6)
     assert against_columns(setup, made.log) is made.log
     some = {name: column for name, column in log.columns.items() if name != "wrench_model_tz"}

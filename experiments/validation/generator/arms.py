@@ -1,4 +1,4 @@
-"""Serial arms as joint axes and points at q = 0, base frame, from Denavit-Hartenberg tables."""
+"""Serial arms as joint axes and points in the base frame at q = 0, from Denavit-Hartenberg tables."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Arm:
-    """A serial arm of revolute joints and the region of joint space its motions use."""
+    """A serial arm of revolute joints and the region of joint space that its motions use."""
 
     name: str
     """"panda" is built into the package under test; any other arm is written out joint by joint."""
     axes: Floats
     """(n, 3) unit joint axes at q = 0, base frame."""
     points: Floats
-    """(n, 3) m, a point of each axis at q = 0, base frame."""
+    """(n, 3) m, a point on each axis at q = 0, base frame."""
     flange_position: Floats
-    """(3,) m, at q = 0, base frame."""
+    """(3,) m, origin of the flange at q = 0, base frame."""
     flange_rotation: Floats
     """(3, 3) flange axes at q = 0 in the base frame."""
     home: Floats
@@ -56,7 +56,7 @@ def standard_dh(rows: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def modified_dh(rows: Floats) -> tuple[Floats, Floats, Floats]:
-    """The same for Craig's convention, where a and alpha come before the joint."""
+    """Axes, points and flange pose as in ``standard_dh``, for Craig's convention (a and alpha before the joint)."""
     pose, axes, points = np.eye(4), [], []
     for a, alpha, d in rows:
         pose = pose @ _turn("x", alpha) @ _shift(a, 0, 0)
@@ -69,7 +69,7 @@ def modified_dh(rows: Floats) -> tuple[Floats, Floats, Floats]:
 def panda() -> Arm:
     """Franka Emika Panda, manufacturer's table, with the flange frame of the package's built-in "panda".
 
-    That frame lies 107 mm beyond the manufacturer's flange, which itself is 107 mm beyond the wrist.
+    That frame is 107 mm beyond the manufacturer's flange, which itself is 107 mm beyond the wrist.
     """
     right = np.pi / 2
     rows = np.array(
@@ -90,7 +90,7 @@ def panda() -> Arm:
 
 
 def ur_like(rng: np.random.Generator) -> Arm:
-    """Six axes, three of them parallel, link lengths within 20 % of a 5 kg arm's."""
+    """Six-axis arm with three parallel axes, link lengths within 20 % of those of an arm for 5 kg payload."""
     right = np.pi / 2
     a = rng.uniform(0.8, 1.2, 2) * [-0.425, -0.392]
     d = rng.uniform(0.8, 1.2, 4) * [0.1625, 0.133, 0.1, 0.1]
@@ -102,7 +102,7 @@ def ur_like(rng: np.random.Generator) -> Arm:
 
 
 def spherical_wrist(rng: np.random.Generator) -> Arm:
-    """Six-axis industrial arm whose last three axes meet in a point, link lengths random."""
+    """Six-axis industrial arm with random link lengths, whose last three axes intersect in one point."""
     right = np.pi / 2
     a = rng.uniform(0.8, 1.2, 3) * [0.1, 0.4, 0.05]
     d = rng.uniform(0.8, 1.2, 3) * [0.4, 0.45, 0.09]
@@ -114,7 +114,7 @@ def spherical_wrist(rng: np.random.Generator) -> Arm:
 
 
 def random_arm(rng: np.random.Generator) -> Arm:
-    """The Panda in half of the cases, otherwise one of the two six-axis arms."""
+    """Draw an arm: the Panda in half of the cases, otherwise one of the two six-axis arms."""
     pick = rng.uniform()
     if pick < 0.5:
         return panda()

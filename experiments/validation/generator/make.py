@@ -1,4 +1,4 @@
-"""Labelled logs by MuJoCo: log_NNN.npz (what a user has), log_NNN.toml (what the user believes) and truth.json."""
+"""Labelled logs by MuJoCo: log_NNN.npz (a user's log), log_NNN.toml (the user's nominal setup) and truth.json."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from validation.generator.recording import Reading, Timeline, gap_rms, in_sigmas
 
 Made = TypeVar("Made")
 
-SMALLEST, LARGEST = 0.4, 20.0  # noise sigmas: gaps outside are drawn again with another scale
+SMALLEST, LARGEST = 0.4, 20.0  # noise sigmas: effects with a gap outside are redrawn with another scale
 SMALLEST_UNLISTED = 0.7
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What the command line leaves to chance."""
+    """Ranges and options of the random choices, from the command line."""
 
     durations: tuple[float, float]
     """s, shortest and longest."""
     rates: tuple[float, ...]
     """Hz."""
     plain: bool
-    """Joints and wrench always share their stamps, and velocities are always there."""
+    """Whether joints and wrench always share their stamps and velocities are always recorded."""
 
 
 def choose_motion(job: Job, rng: np.random.Generator) -> tuple[str, float]:
-    """Kind of motion and its pace; brisk where the effect would not show otherwise."""
+    """Draw the kind of motion and its pace; brisk if the effect needs motion to show."""
     if "tool_flexibility" in job.names:
         return str(rng.choice(["moves", "trapezoids"])), rng.uniform(1.4, 1.9)
     if set(job.names) & set(NEEDS_MOTION):
@@ -49,7 +49,7 @@ def choose_motion(job: Job, rng: np.random.Generator) -> tuple[str, float]:
 
 
 def choose_timeline(thermal: bool, rate: float, plain: bool, rng: np.random.Generator) -> Timeline:
-    """Streams on one clock mostly; a temperature is there when it is the cause (``thermal``), and often otherwise."""
+    """Draw the timeline, mostly of one clock; a temperature is always recorded if it is the cause (``thermal``)."""
     own_clock, velocities = rng.uniform() < 0.2, rng.uniform() > 0.12
     joint_rate = float(rng.choice([100.0, 125.0, 200.0, 250.0, 500.0]))
     recorded = rng.uniform() < 0.3 or thermal
@@ -60,7 +60,7 @@ def choose_timeline(thermal: bool, rate: float, plain: bool, rng: np.random.Gene
 
 
 def sized_effect(name: str, form: str, level: int, scene: Scene, seed: np.random.SeedSequence) -> tuple[Effect, float]:
-    """The effect and its gap in noise sigmas, its size scaled until the gap is neither invisible nor absurd."""
+    """Build an effect, scaled until its gap is neither invisible nor absurdly large; return it and the gap."""
     smallest = SMALLEST_UNLISTED if name in UNLISTED else SMALLEST
     scale = 1.0
     for _ in range(5):
@@ -74,7 +74,7 @@ def sized_effect(name: str, form: str, level: int, scene: Scene, seed: np.random
 
 
 def make_log(index: int, job: Job, seed: int, limits: Limits, folder: Path) -> tuple[str, dict[str, Any]]:
-    """Write log and setup number ``index``; its name and its entry in truth.json."""
+    """Write log and setup number ``index``; returns its name and its entry in truth.json."""
     seeds = np.random.SeedSequence([seed, 1, index]).spawn(8)
     rng = np.random.default_rng(seeds[0])
     duration, rate = float(np.round(rng.uniform(*limits.durations), 1)), float(rng.choice(limits.rates))
@@ -103,7 +103,7 @@ def write_log(
     """Write a log and its setup.
 
     Returns:
-        its label: what was done to it, and what else a scorer may want; the reading without noise; rms of the noise.
+        label (the applied effects and further data for a scorer), reading without noise, rms (6,) N, Nm of the noise.
     """
     columns, clean, noise_rms = record(scene, effects, timeline, seed)
     write_atomic(folder / f"{name}.npz", lambda file: np.savez_compressed(file, **columns))  # type: ignore[arg-type]
@@ -138,19 +138,19 @@ def make_set(
     jobs: int = 1,
     report: Callable[[int], None] = lambda done: None,
 ) -> None:
-    """Write a set of logs, their setups and, when all are there, truth.json.
+    """Write a set of logs, their setups and, once all are written, truth.json.
 
     Args:
-        folder: an existing one.
-        asked: effects, as ``plan.groups`` reads them.
-        count: logs.
-        seed: the same makes the same logs, whatever ``jobs`` is.
+        folder: an existing folder.
+        asked: effects, in the format of ``plan.groups``.
+        count: number of logs.
+        seed: the same seed makes the same logs, whatever ``jobs`` is.
         limits: durations, rates, streams.
-        jobs: processes.
+        jobs: number of processes.
         report: called with the number of logs that are finished.
 
     Raises:
-        ValueError: an unknown effect. OutputError: a file cannot be written, or a process was killed.
+        ValueError: an effect is unknown. OutputError: a file cannot be written, or a process was killed.
     """
     plan = make_plan(asked, count, seed)
     labels = dict(run_jobs(partial(make_log, seed=seed, limits=limits, folder=folder), plan, jobs, report))
@@ -163,7 +163,7 @@ def run_jobs(
     jobs: int,
     report: Callable[[int], None],
 ) -> list[tuple[str, Made]]:
-    """What ``make`` returns for each number and job of the plan, in order, made in several processes.
+    """Call ``make`` for each number and job of the plan in several processes; returns the results in order.
 
     Raises:
         OutputError: a process was killed.
@@ -183,6 +183,6 @@ def _make_numbered(make: Callable[[int, Any], tuple[str, Made]], numbered: tuple
 
 
 def write_labels(folder: Path, labels: dict[str, Any]) -> None:
-    """Write truth.json, whole or not at all."""
+    """Write truth.json atomically: completely or not at all."""
     content = json.dumps(labels, indent=1).encode()
     write_atomic(folder / "truth.json", lambda file: file.write(content))

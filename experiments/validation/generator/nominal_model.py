@@ -1,4 +1,4 @@
-"""What the robot's owner believes: arm, sensor, tool and noise, drawn at random, and the setup file that says so."""
+"""The nominal model (arm, sensor, tool and noise), drawn at random, and the setup file that states it."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from validation.generator.arms import Arm, Floats, random_arm
 
 @dataclass(frozen=True)
 class Tool:
-    """Everything distal of the sensor as one rigid body, sensor frame."""
+    """Everything distal of the sensor as one rigid body, in the sensor frame."""
 
     mass: float
     """kg."""
     com: Floats
-    """(3,) m."""
+    """(3,) m, centre of mass."""
     inertia: Floats
     """(3, 3) kg m^2 about the centre of mass."""
 
 
 @dataclass(frozen=True)
 class Belief:
-    """The content of a setup file."""
+    """The nominal model as a setup file states it."""
 
     arm: Arm
     gravity: Floats
@@ -35,19 +35,19 @@ class Belief:
     """(3,) rad, sensor frame in the flange frame, fixed axes."""
     tool: Tool
     noise_std: Floats
-    """(6,) N and Nm, one sample."""
+    """(6,) N and Nm, standard deviation of one sample."""
     reports: str
     """"wrench_on_tool" or "wrench_on_sensor" (the opposite sign)."""
     bias_density: Floats
-    """(6,) N/s^1.5 and Nm/s^1.5."""
+    """(6,) N/s^1.5 and Nm/s^1.5, of the white noise that drives the drift."""
     position_noise_std: float
-    """rad."""
+    """rad, noise of the measured joint positions."""
     velocity_noise_std: float
-    """rad/s."""
+    """rad/s, noise of the measured joint velocities."""
 
 
 def random_tool(rng: np.random.Generator) -> Tool:
-    """0.3 to 2 kg, a box of random size and attitude in front of the sensor."""
+    """Draw a tool of 0.3 to 2 kg: a box of random size and orientation in front of the sensor."""
     mass = float(np.exp(rng.uniform(np.log(0.3), np.log(2.0))))
     com = np.array([*rng.uniform(-0.02, 0.02, 2), rng.uniform(0.03, 0.12)])
     squared = rng.uniform([0.04, 0.04, 0.06], [0.12, 0.12, 0.22]) ** 2  # edges of the box
@@ -58,7 +58,7 @@ def random_tool(rng: np.random.Generator) -> Tool:
 
 
 def random_gravity(rng: np.random.Generator) -> Floats:
-    """Table mount mostly; wall or ceiling mount in a fifth of the cases; (3,) m/s^2, base frame."""
+    """Draw gravity (3,) m/s^2, base frame: a table mount, or in a fifth of the cases a wall or ceiling mount."""
     pick = rng.uniform()
     if pick < 0.8:
         return np.array([0.0, 0.0, -9.81])
@@ -66,7 +66,7 @@ def random_gravity(rng: np.random.Generator) -> Floats:
 
 
 def random_belief(rng: np.random.Generator) -> Belief:
-    """A robot, a sensor mounted somehow, a tool, and noise of one sample between 0.04 and 0.15 N."""
+    """Draw a robot, a sensor mounting, a tool, and noise of one sample between 0.04 and 0.15 N."""
     yaw = rng.uniform(-np.pi, np.pi)
     rpy = np.array([*rng.normal(0, 0.1, 2), yaw]) if rng.uniform() < 0.7 else rng.uniform(-1.5, 1.5, 3)
     force = np.exp(rng.uniform(np.log(0.04), np.log(0.15)))
@@ -104,7 +104,7 @@ def _robot_section(belief: Belief) -> str:
 
 
 def setup_toml(belief: Belief) -> str:
-    """The setup file of ``belief``, the text a user would write."""
+    """Return the text of the setup file of ``belief`` as a user would write it."""
     inertia = belief.tool.inertia
     return f"""# What the robot's owner believes: robot, sensor mounting, tool, noise.
 {_robot_section(belief)}

@@ -1,4 +1,4 @@
-"""Which log gets which effects, forms and severity: fixed by the seed alone."""
+"""Assignment of effects, forms and severities to the logs, determined by the seed alone."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from validation.generator.effects.catalogue import ENTRIES, LISTED, TWINS, UNLIS
 T = TypeVar("T")
 
 GROUPS = {"none": 12, "pairs": 12, "unlisted": 12} | dict.fromkeys(LISTED, 4)
-"""Logs of every group in a set of 132; other sizes keep the shares."""
+"""Number of logs per group in a set of 132; other sizes keep the proportions."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """What one log is to show."""
+    """Effects, functional forms and severity level of one log."""
 
     names: tuple[str, ...]
     forms: tuple[str, ...]
@@ -27,10 +27,10 @@ class Job:
 
 
 def groups(asked: str) -> dict[str, int]:
-    """Group and weight for a comma-separated list of effects, "none", "pairs", "unlisted", "catalogue" or "all".
+    """Map group to weight for a comma-separated list of effects, "none", "pairs", "unlisted", "catalogue" or "all".
 
     Raises:
-        ValueError: an unknown name.
+        ValueError: a name is unknown.
     """
     chosen: dict[str, int] = {}
     for name in asked.split(","):
@@ -45,10 +45,10 @@ def groups(asked: str) -> dict[str, int]:
 
 
 def make_plan(asked: str, count: int, seed: int) -> list[Job]:
-    """``count`` jobs, groups in proportion, forms and levels of every effect in turn, all in random order."""
+    """Draw ``count`` jobs in random order, with groups in proportion, and forms and levels of each effect in turn."""
     rng = np.random.default_rng([seed, 0])
     weights = groups(asked)
-    # The k-th log of a group of weight w comes at (k + u) / w: any count is a fair sample of the groups.
+    # The k-th log of a group of weight w is placed at (k + u) / w, so any count samples the groups in proportion.
     places = [((k + rng.uniform()) / weight, name) for name, weight in weights.items() for k in range(count)]
     picked = [name for _, name in sorted(places, key=lambda place: place[0])[:count]]
     unlisted = _deck(list(UNLISTED), rng)
@@ -62,7 +62,7 @@ def make_plan(asked: str, count: int, seed: int) -> list[Job]:
 
 
 def _deck(cards: Sequence[T], rng: np.random.Generator) -> Iterator[T]:
-    """The cards in random order, shuffled again each time they run out."""
+    """Yield the cards in random order, reshuffled each time they run out."""
     while True:
         yield from (cards[i] for i in rng.permutation(len(cards)))
 

@@ -1,4 +1,4 @@
-"""From a scene and its effects to the arrays of a log file, and how large a gap the effects make."""
+"""Conversion of a scene and its effects to the arrays of a log file, and the size of the effects' gap."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ THERMOMETER_STD = 0.02  # K
 
 @dataclass(frozen=True)
 class Reading:
-    """What the sensor gives at the scene's stamps, without noise, and the bias that is in it."""
+    """Noise-free reading of the sensor at the scene's stamps, and the bias in it."""
 
     wrench: Floats
     """(T, 6) N, Nm, NaN = lost."""
     bias: Floats
-    """(T, 6) N, Nm, every slow effect included."""
+    """(T, 6) N, Nm, including all slow effects."""
 
 
 @dataclass(frozen=True)
 class Timeline:
-    """How the streams of a log lie in time."""
+    """Clocks and streams of a log."""
 
     joint_rate: float | None
-    """Hz of a joint stream with a clock of its own; None: joints and wrench share their stamps."""
+    """Hz of a joint stream with a separate clock; None: joints and wrench share their stamps."""
     velocities: bool
-    """Joint velocities are recorded."""
+    """Whether joint velocities are recorded."""
     temperature_every: int
-    """Rows between two temperatures; 0: not recorded."""
+    """Rows from one recorded temperature to the next; 0: not recorded."""
 
 
 def random_scene(
     kind: str, duration: float, rate: float, pace: float, seeds: Sequence[np.random.SeedSequence]
 ) -> Scene:
-    """A robot, a motion and a bias drawn at random; ``seeds``: four, for belief, motion, bias and temperature."""
+    """Draw a robot, a motion and a bias; ``seeds``: four, for the nominal model, motion, bias and temperature."""
     belief_rng, motion_rng, bias_rng, heat_rng = (np.random.default_rng(seed) for seed in seeds)
     belief = random_belief(belief_rng)
     motion = random_motion(kind, belief.arm, duration, pace, motion_rng)
@@ -64,7 +64,7 @@ def random_scene(
 
 
 def noiseless(scene: Scene, effects: Sequence[Effect]) -> Reading:
-    """The reading at the scene's stamps with the effects, before noise and before what acts on noisy values."""
+    """Reading at the scene's stamps with the effects, before noise and before the hooks that act on noisy values."""
     world = scene.world
     for effect in effects:
         world = effect.world(world)
@@ -79,14 +79,14 @@ def noiseless(scene: Scene, effects: Sequence[Effect]) -> Reading:
 
 
 def converted(readings: Floats, effects: Sequence[Effect]) -> Floats:
-    """Readings (T, 6) N, Nm after converter and transport."""
+    """Return the readings (T, 6) N, Nm after the converter and transport."""
     for effect in effects:
         readings = effect.reading(readings)
     return readings
 
 
 def gap_rms(scene: Scene, effects: Sequence[Effect]) -> Floats:
-    """(6,) N, Nm: rms of what the effects change in the noise-free reading, less a constant and a line per axis."""
+    """(6,) N, Nm: rms change of the noise-free reading by the effects, less a constant and a trend per axis."""
     change = converted(noiseless(scene, effects).wrench, effects) - noiseless(scene, ()).wrench
     seen = np.isfinite(change[:, 0])
     for effect in effects:
@@ -97,14 +97,14 @@ def gap_rms(scene: Scene, effects: Sequence[Effect]) -> Floats:
 
 
 def in_sigmas(scene: Scene, rms: Floats) -> float:
-    """Root mean square over the six channels of rms / noise."""
+    """Root mean square of rms / noise standard deviation over the six channels."""
     return float(np.sqrt(((rms / scene.belief.noise_std) ** 2).mean()))
 
 
 def record(
     scene: Scene, effects: Sequence[Effect], timeline: Timeline, seed: np.random.SeedSequence
 ) -> tuple[dict[str, Floats], Reading, Floats]:
-    """The columns of the log file, the noise-free reading, and the rms (6,) of the noise that was added to it."""
+    """Return the columns of the log file, the noise-free reading, and the rms (6,) N, Nm of the noise added to it."""
     rng = np.random.default_rng(seed)
     clean = noiseless(scene, effects)
     noise = scene.belief.noise_std * rng.normal(size=clean.wrench.shape)
@@ -123,7 +123,7 @@ def record(
 def _merged(
     scene: Scene, reading: Floats, keep: Floats, timeline: Timeline, rng: np.random.Generator
 ) -> dict[str, Floats]:
-    """Columns on one timeline, NaN where a stream has no sample."""
+    """Merge the streams into columns on one timeline, NaN where a stream has no sample."""
     if timeline.joint_rate is None:
         t = scene.stamps[keep]
         columns = {"t": t, **_joints(scene, t, rng), "wrench": reading[keep]}
@@ -149,7 +149,7 @@ def _joints(scene: Scene, t: Floats, rng: np.random.Generator) -> dict[str, Floa
 
 
 def _on(t: Floats, stamps: Floats, values: Floats) -> Floats:
-    """Values (S, k) of a stream on the merged timeline t (T,), NaN elsewhere."""
+    """Place the values (S, k) of a stream on the merged timeline t (T,), NaN elsewhere."""
     out = np.full((len(t), values.shape[1]), np.nan)
     out[np.searchsorted(t, stamps)] = values
     return out

@@ -1,6 +1,6 @@
-"""The physics: MuJoCo carries the tool along an imposed joint motion and its force and torque sensors read the wrench.
+"""The physics: MuJoCo moves the tool along an imposed joint motion; its force and torque sensors measure the wrench.
 
-Sign and frame of every wrench here: what the sensor exerts on the tool, sensor frame, torque about the sensor origin.
+Every wrench here is the one that the sensor exerts on the tool, in the sensor frame, torque about the sensor origin.
 """
 
 from __future__ import annotations
@@ -19,74 +19,74 @@ from validation.generator.motion import Trajectory
 from validation.generator.nominal_model import Belief, Tool
 
 STEP = 1e-3  # s, spacing of simulated wrenches
-BEFORE, AFTER = 1.5, 0.5  # s simulated before and after the log, for delays, filters and jitter
+BEFORE, AFTER = 1.5, 0.5  # s simulated before and after the log, needed by delays, filters and jitter
 
 
 @dataclass(frozen=True)
 class Cable:
-    """One elastic strand from an anchor to the tool; no force below its rest length. Two strands stiffen a cable."""
+    """One elastic strand from an anchor to the tool, slack below its rest length; two make a stiffening cable."""
 
     stiffness: float
     """N/m."""
     length: float
-    """m, at rest."""
+    """m, rest length."""
     anchor: Floats
     """(3,) m, base frame at q = 0."""
     on_forearm: bool
     end: Floats
-    """(3,) m, sensor frame."""
+    """(3,) m, attachment to the tool, sensor frame."""
 
 
 @dataclass(frozen=True)
 class ToolPath:
-    """Where the tool goes: time (T,) s, rotation (T, 3, 3) and position (T, 3) m of its frame in the base frame."""
+    """Path of the tool: time (T,) s, rotation (T, 3, 3) and position (T, 3) m of its frame in the base frame."""
 
     t: Floats
     rotation: Floats
     position: Floats
 
     def points(self, point: Floats) -> Floats:
-        """(T, 3) m, base frame, of a point (3,) m of the tool frame."""
+        """Positions (T, 3) m in the base frame of a point (3,) m of the tool frame."""
         return self.position + self.rotation @ point
 
     def velocity(self, point: Floats) -> Floats:
-        """(T, 3) m/s, base frame, of that point."""
+        """Velocity (T, 3) m/s in the base frame of a point (3,) m of the tool frame."""
         velocity: Floats = np.gradient(self.points(point), self.t, axis=0).astype(np.float64)
         return velocity
 
     def acceleration(self, point: Floats) -> Floats:
-        """(T, 3) m/s^2, base frame, of that point."""
+        """Acceleration (T, 3) m/s^2 in the base frame of a point (3,) m of the tool frame."""
         acceleration: Floats = np.gradient(self.velocity(point), self.t, axis=0).astype(np.float64)
         return acceleration
 
     def angular_velocity(self) -> Floats:
-        """(T, 3) rad/s, base frame."""
+        """Angular velocity (T, 3) rad/s of the tool in the base frame."""
         spin = np.gradient(self.rotation, self.t, axis=0) @ self.rotation.transpose(0, 2, 1)
         return np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], 1)
 
 
 Load = Callable[[ToolPath], tuple[Floats, Floats]]
-"""External force (T, 3) N and where it acts (T, 3) m, both base frame."""
+"""Tool path -> external force (T, 3) N and its point of application (T, 3) m, both in the base frame."""
 Couple = Callable[[ToolPath], Floats]
-"""External torque (T, 3) Nm, base frame, without a force."""
+"""Tool path -> external torque (T, 3) Nm in the base frame, without a force."""
 
 
 @dataclass(frozen=True)
 class World:
-    """What is true of the mechanics."""
+    """True parameters of the mechanics."""
 
     arm: Arm
     gravity: Floats
     """(3,) m/s^2, base frame."""
     mount_position: Floats
-    """(3,) m, flange frame."""
+    """(3,) m, sensor origin in the flange frame."""
     mount_rotation: Floats
     """(3, 3) tool frame in the flange frame."""
     sensor_axes: Floats
-    """(3, 3) axes the sensor really reads along, in the tool frame; identity when it is what the owner believes."""
+    """(3, 3) true measurement axes of the sensor in the tool frame; identity if they are as stated in the setup."""
     tool: Tool
     joint_error: Callable[[Floats], Floats]
-    """Joint positions as read (T, n) rad -> what the encoders read too much (T, n) rad."""
+    """Measured joint positions (T, n) rad -> error of the encoders (T, n) rad, measured minus true."""
     cables: tuple[Cable, ...] = ()
     loads: tuple[Load, ...] = ()
     couples: tuple[Couple, ...] = ()
@@ -95,7 +95,7 @@ class World:
 
 
 def nominal_world(belief: Belief) -> World:
-    """The world as the owner believes it to be."""
+    """Return the world of the nominal model, without effects."""
     return World(
         belief.arm,
         belief.gravity,
@@ -108,12 +108,12 @@ def nominal_world(belief: Belief) -> World:
 
 
 def time_grid(duration: float) -> Floats:
-    """Simulated times, s, around a log from 0 to ``duration``."""
+    """Return the simulated times in s, from BEFORE a log of ``duration`` s until AFTER it."""
     return STEP * np.arange(-round(BEFORE / STEP), round((duration + AFTER) / STEP) + 1, dtype=np.float64)
 
 
 def wrench(world: World, motion: Trajectory, t: Floats) -> Floats:
-    """Wrench (T, 6) N, Nm at the times t (T,) s, spaced STEP, while the *encoders* read ``motion``."""
+    """Simulate the wrench (T, 6) N, Nm at times t (T,) s, STEP apart, while the *encoders* read ``motion``."""
     model = build(world)
     q, dq, ddq = true_motion(world, motion, t)
     if world.sprung is not None:
@@ -134,18 +134,18 @@ def wrench(world: World, motion: Trajectory, t: Floats) -> Floats:
 
 
 def true_motion(world: World, motion: Trajectory, t: Floats) -> tuple[Floats, Floats, Floats]:
-    """Joint motion of the arm itself when the encoders read ``motion``; their error varies too slowly to have rates."""
+    """True joint motion while the encoders read ``motion``; the rates of their slowly varying error are neglected."""
     q, dq, ddq = motion(t)
     return q - world.joint_error(q), dq, ddq
 
 
 def tool_path(world: World, motion: Trajectory, t: Floats) -> ToolPath:
-    """Path of the tool frame at the times t (T,) s."""
+    """Return the path of the tool frame at the times t (T,) s."""
     return _follow(build(world), t, true_motion(world, motion, t)[0])
 
 
 def cable_length(world: World, motion: Trajectory, t: Floats) -> Floats:
-    """(T,) m, distance between the ends of the world's first cable at the times t (T,) s."""
+    """Distance (T,) m between the ends of the world's first cable at the times t (T,) s."""
     model = build(world)
     data = mujoco.MjData(model)
     lengths = []
@@ -184,7 +184,7 @@ def _external(world: World, model: mujoco.MjModel, t: Floats, q: Floats) -> tupl
 
 
 def build(world: World) -> mujoco.MjModel:
-    """The MuJoCo model: a chain of links, the tool welded to the last one, a force and a torque sensor between them."""
+    """Build the MuJoCo model: a chain of links, the tool fixed to the last one, and a force and torque sensor there."""
     arm, tool = world.arm, world.tool
     last = len(arm.axes) - 1
     position = arm.flange_position + arm.flange_rotation @ world.mount_position - arm.points[last]

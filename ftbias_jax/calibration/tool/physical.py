@@ -75,7 +75,7 @@ def most_likely(cost: Quadratic, x: np.ndarray, prior: Prior) -> np.ndarray:
     x = np.where(prior.std <= FIXED, prior.mean, x)
     current, damping, weight = penalised(x), 1e-3, prior.std**-2.0
     for _ in range(500):
-        z, slope = (np.asarray(value) for value in _physical_and_slope(jnp.asarray(x)))
+        z, slope = (np.asarray(value) for value in _physical_and_jacobian(jnp.asarray(x)))
         gradient = slope.T @ (cost.pull + cost.information @ (z - cost.at)) + weight * (x - prior.mean)
         normal = slope.T @ cost.information @ slope + np.diag(weight)
         step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
@@ -103,13 +103,13 @@ def parameters_at(x: np.ndarray) -> np.ndarray:
     return np.asarray(physical(jnp.asarray(x)))
 
 
-def slope_of_physical(x: np.ndarray) -> np.ndarray:
+def jacobian_of_physical(x: np.ndarray) -> np.ndarray:
     """(P, P) derivative of ``physical`` at coordinates (P,)."""
-    return np.asarray(_physical_and_slope(jnp.asarray(x))[1])
+    return np.asarray(_physical_and_jacobian(jnp.asarray(x))[1])
 
 
 @keep_program()
-def _physical_and_slope(x: Array) -> tuple[Array, Array]:
+def _physical_and_jacobian(x: Array) -> tuple[Array, Array]:
     return physical(x), jax.jacfwd(physical)(x)
 
 
@@ -131,7 +131,7 @@ def data_sheet(theta: Float[Array, " 10"]) -> Float[Array, " 10"]:
 
 
 @keep_program()
-def slope_of_data_sheet(x: Float[Array, " P"]) -> Float[Array, "10 P"]:
+def jacobian_of_data_sheet(x: Float[Array, " P"]) -> Float[Array, "10 P"]:
     """Derivative of ``data_sheet`` with respect to coordinates (P,), whose first ten are those of the tool."""
     return jax.jacfwd(lambda x: data_sheet(physical(x)[:10]))(x)
 

@@ -19,9 +19,9 @@ from ftbias_jax.calibration.tool.physical import (
     Quadratic,
     coordinates,
     data_sheet,
+    jacobian_of_physical,
     most_likely,
     parameters_at,
-    slope_of_physical,
     theta_of,
     tool_units,
     total,
@@ -124,7 +124,7 @@ def overdispersion(parts: list[Quadratic], x: np.ndarray, prior: Prior) -> float
 
     Near the optimum x (P,); directions in which the log is less informative than the prior are left out.
     """
-    slope = slope_of_physical(x) * prior.std
+    slope = jacobian_of_physical(x) * prior.std
     normal = slope.T @ total(parts).information @ slope
     strength, directions = np.linalg.eigh(normal)
     move = parameters_at(x) - parts[0].at

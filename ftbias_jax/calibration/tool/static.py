@@ -149,8 +149,8 @@ class _Solver:
             (own, cross), (_, bias) = weighted.T @ self.design[:, axis, columns]
             by_mass, by_bias = weighted.T @ residual[:, axis]
             weights[axis], pulls[axis] = own - cross**2 / bias, by_mass - cross / bias * by_bias
-        told = weights > 1e-9 * weights.max()
-        w, chi_square = weights[told], (pulls[told] ** 2 / weights[told]).sum()
+        informative = weights > 1e-9 * weights.max()
+        w, chi_square = weights[informative], (pulls[informative] ** 2 / weights[informative]).sum()
         if chi_square < BY_CHANCE or len(w) < 2:
             return 1.0
         between = (chi_square - (len(w) - 1)) / (w.sum() - (w**2).sum() / w.sum())

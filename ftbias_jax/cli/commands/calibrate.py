@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from ftbias_jax.cli.given import logs_of, setup_of, start_jax, write_answers
-from ftbias_jax.cli.terminal import tell_repairs
+from ftbias_jax.cli.terminal import print_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.find import expand
 from ftbias_jax.io import or_poses, read_log
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.json: lambda path: write_json(path, plain_of_poses(tool) if poses else found.plain()),
         }
     )
-    return tell_repairs(zip(paths, [poses[0].repairs] if poses else found.repairs, strict=True))
+    return print_repairs(zip(paths, [poses[0].repairs] if poses else found.repairs, strict=True))
 
 
 def _draft(arguments: argparse.Namespace) -> tuple[Setup, str]:

@@ -7,7 +7,7 @@ from typing import Any
 from ftbias_jax.check.check_setup import check_setup
 from ftbias_jax.cli.archive import Done, for_each_log
 from ftbias_jax.cli.given import logs_of, setup_of, write_answers
-from ftbias_jax.cli.terminal import tell_repairs, warn
+from ftbias_jax.cli.terminal import print_repairs, warn
 from ftbias_jax.filtering.quality.at_rest import rest_in_words
 from ftbias_jax.fleet.entry import MISTAKES
 from ftbias_jax.fleet.quality import of_check
@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     for path, log in zip(paths, logs, strict=True):
         if check.ok and isinstance(log, Log) and (words := rest_in_words(setup, slices(log))):
             warn(f"{path}: {words}")
-    tell_repairs((path, log.repairs) for path, log in zip(paths, logs, strict=True))
+    print_repairs((path, log.repairs) for path, log in zip(paths, logs, strict=True))
     return 0 if check.ok else 1
 
 

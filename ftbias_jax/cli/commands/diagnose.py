@@ -10,7 +10,7 @@ from typing import Any
 
 from ftbias_jax.cli.archive import Done, for_each_log
 from ftbias_jax.cli.given import logs_of, save_setup, setup_of, start_jax, write_answers
-from ftbias_jax.cli.terminal import tell_repairs
+from ftbias_jax.cli.terminal import print_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.fleet.entry import LOSS
 from ftbias_jax.fleet.find import is_folder
@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     for why in not_stated:
         print(f"ftbias: not applied: {why}", file=sys.stderr)
-    code = tell_repairs(zip(paths[latest], diagnosis.repairs, strict=True))
+    code = print_repairs(zip(paths[latest], diagnosis.repairs, strict=True))
     return 1 if not_stated else code
 
 

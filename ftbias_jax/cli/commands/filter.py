@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ftbias_jax.cli.archive import Done, for_each_log
 from ftbias_jax.cli.given import logs_of, only, setup_of, start_jax
-from ftbias_jax.cli.terminal import tell_repairs, warn
+from ftbias_jax.cli.terminal import print_repairs, warn
 from ftbias_jax.filtering.quality.plot import figure_format, new_figure
 from ftbias_jax.filtering.result import Filtered, named_arrays
 from ftbias_jax.fleet.entry import LOSS
@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(consistency.format_check(result.check()))
         lines = result.lines()
         print(spectrum.format_lines(lines) if lines else "no hum or resonance in the innovations")
-    code = tell_repairs([(path, result.repairs)])
+    code = print_repairs([(path, result.repairs)])
     if result.worse_than_raw and result.checked.ok:
         warn(f"{path}: the corrected wrench is worse than the raw one: ftbias check says why, or ftbias diagnose")
     return 3 if result.worse_than_raw else code

@@ -7,7 +7,7 @@ from typing import Any
 
 from ftbias_jax.cli.archive import Done, for_each_log
 from ftbias_jax.cli.given import logs_of, only, save_setup, setup_of, start_jax
-from ftbias_jax.cli.terminal import tell_repairs
+from ftbias_jax.cli.terminal import print_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.quality.at_rest import require_motion
 from ftbias_jax.fleet.find import is_folder
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
         found = identify_tool(setup, log, **asked, progress=stages)
     print(f"{parts}\n{found}" if parts else found)
-    code = tell_repairs([(path, log.repairs)])
+    code = print_repairs([(path, log.repairs)])
     save_setup(found.save, arguments.output, arguments, "identify")
     print(f"wrote {arguments.output}")
     return code

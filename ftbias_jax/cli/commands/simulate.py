@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from ftbias_jax.cli.given import logs_of, setup_of, start_jax, write_answers
-from ftbias_jax.cli.terminal import tell_repairs
+from ftbias_jax.cli.terminal import print_repairs
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.write import writer
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     simulated.save(arguments.output, truth_path)
     print(simulated)
     print(f"wrote {arguments.output} and {truth_path}")
-    return tell_repairs((path, log.repairs) for path, log in recorded.items())
+    return print_repairs((path, log.repairs) for path, log in recorded.items())
 
 
 def plan_motion(arguments: argparse.Namespace) -> int:
@@ -90,7 +90,7 @@ def plan_motion(arguments: argparse.Namespace) -> int:
     print(made)
     answers = {arguments.output: made.save, arguments.json: made.to_json, arguments.html: made.to_html}
     write_answers({**answers, **{path: partial(made.save_for, format=name) for name, path in wanted.items()}})
-    return tell_repairs(zip(paths, (log.repairs for log in logs), strict=True))
+    return print_repairs(zip(paths, (log.repairs for log in logs), strict=True))
 
 
 def split_effect(text: str) -> tuple[str, dict[str, Any]]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from ftbias_jax.check.check_setup import require_right
 from ftbias_jax.cli.archive import Done, for_each_log
 from ftbias_jax.cli.given import save_setup
-from ftbias_jax.cli.terminal import tell_repairs, warn
+from ftbias_jax.cli.terminal import print_repairs, warn
 from ftbias_jax.errors import FtbiasError, LogError, SetupError, UsageError
 from ftbias_jax.fleet.entry import LOSS
 from ftbias_jax.fleet.find import expand, inputs, is_folder
@@ -87,10 +87,10 @@ def run(arguments: argparse.Namespace) -> int:
         for found in used:
             if not found.logs:
                 raise next(iter(found.errors.values()))
-            _tell_left_out(found.errors)
+            _print_left_out(found.errors)
         start = next(iter(used[0].logs.values()))
     speaks = jax.process_index() == 0
-    code = tell_repairs((path, log.repairs) for found in used for path, log in found.logs.items())
+    code = print_repairs((path, log.repairs) for found in used for path, log in found.logs.items())
     logs = [list(found.logs.values()) for found in used]
     with Stages("tuning", sys.stderr if speaks else io.StringIO()) as stages:
         stages("getting ready")
@@ -170,7 +170,7 @@ def _mistaken(setup: Setup, logs: Sequence[Log], unchecked: bool) -> FtbiasError
     return None
 
 
-def _tell_left_out(errors: Mapping[str, FtbiasError]) -> None:
+def _print_left_out(errors: Mapping[str, FtbiasError]) -> None:
     for error in errors.values():
         warn(f"left out: {error}")
 
@@ -186,7 +186,7 @@ def _share(setup: Setup, paths: list[str], unchecked: bool) -> tuple[Used, Log]:
     from ftbias_jax.calibration import distributed
 
     found = usable(setup, distributed.share(paths), unchecked)
-    _tell_left_out(found.errors)
+    _print_left_out(found.errors)
     good = distributed.agree(paths, found.logs)
     if len(good) < jax.process_count():
         message = f"{len(good)} of {len(paths)} logs can be used, by {jax.process_count()} processes"

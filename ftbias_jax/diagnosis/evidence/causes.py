@@ -12,11 +12,11 @@ import numpy as np
 from ftbias_jax.diagnosis import thresholds
 from ftbias_jax.diagnosis.candidates import Scored
 from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters
-from ftbias_jax.diagnosis.evidence.gap import HeldOut, Judge, gap_removed, nats_of_joints
+from ftbias_jax.diagnosis.evidence.gap import CrossValidation, HeldOut, gap_removed, nats_of_joints
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals import entries, pulls, series, touches
-from ftbias_jax.diagnosis.regression.fit import Fit, compared, fit
+from ftbias_jax.diagnosis.regression.fit import Fit, fit, log_likelihood_gain
 from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap
 from ftbias_jax.diagnosis.samples.types import Finding
 from ftbias_jax.model.effects.fitting import Entries, Pull, Samples, Step, Touches
@@ -33,7 +33,7 @@ class Answer(NamedTuple):
     """Result of a search: what explains the logs, and the gap with and without it."""
 
     problem: Problem
-    hold_out: Judge
+    hold_out: CrossValidation
     base: Fit
     """Fit of the nominal model."""
     found: tuple[Finding, ...]
@@ -88,8 +88,8 @@ def in_order(answer: Answer, causes: Sequence[Candidate]) -> list[Candidate | Fo
         effect = answer.problem.catalogue[one.effect] if isinstance(one, Candidate) else None
         return effect is not None and isinstance(effect.fit.search, Samples) and not _comes_first(effect)
 
-    told: list[Candidate | FoundTerm] = [*causes, *answer.terms]
-    return told if answer.total < thresholds.LEADS**2 else sorted(told, key=is_beside)
+    found_in_order: list[Candidate | FoundTerm] = [*causes, *answer.terms]
+    return found_in_order if answer.total < thresholds.LEADS**2 else sorted(found_in_order, key=is_beside)
 
 
 def _comes_first(effect: Effect) -> bool:
@@ -173,7 +173,7 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
     hopeful = [s for s in scored if s.hypothesis.effect not in named and s.nats > thresholds.HOPELESS * scored[0].nats]
     for other in hopeful[: thresholds.MOST_TRIED]:
         trial = fit(problem, (*rest, other.hypothesis), accepted) if rest else other.fit
-        lost, error = compared(problem, accepted.error, trial.error)
+        lost, error = log_likelihood_gain(problem, accepted.error, trial.error)
         own_form = by_form if other.hypothesis.effect in declared else 0.0
         if (
             lost < max(thresholds.ALIKE * error, thresholds.LEAST_DIFFERENCE, own_form)

@@ -30,7 +30,7 @@ TIME_STDERR = 0.02
 """s, standard error of a jump's time: it lies between two bins, and the likelihood is not smooth in it."""
 RAMP_STDERR = 0.25
 """Standard error of a jump's start as a share of its length, because few lengths are tried."""
-START_STDERR, FADING = 0.1, 0.1
+START_STDERR, END_STDERR_SHARE = 0.1, 0.1
 """s, standard error of a contact's start and end; share of its length that its end has more, as it may fade."""
 
 
@@ -46,7 +46,7 @@ def parameters(
     if few is not None and not hypothesis.shapes:
         whole = whole_matrix(problem, fit, few)
         h = whole.matrix if hypothesis is few else hypothesis
-        told, other = (whole.fit, fit) if whole.earned else (fit, whole.fit)
+        told, other = (whole.fit, fit) if whole.worth_its_parameters else (fit, whole.fit)
         values, errors = _of_coordinates(problem, told, h, whole.spread(h))
         if either and h is hypothesis:
             others, _ = _of_coordinates(problem, other, h, whole.spread(h))
@@ -162,7 +162,7 @@ def _of_events(
         spreads.append(np.hypot(np.abs(R) @ error[peak, :3], blunt).tolist())
     starts, stops = (np.array([one.event[side] for one in events], float) for side in (1, 2))
     of_start = np.full(len(events), START_STDERR)
-    of_end = of_start + FADING * (stops - starts)
+    of_end = of_start + END_STDERR_SHARE * (stops - starts)
     return (
         {search.start: starts.tolist(), search.end: stops.tolist(), search.force: forces},
         {search.start: of_start.tolist(), search.end: of_end.tolist(), search.force: spreads},

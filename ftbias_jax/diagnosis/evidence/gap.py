@@ -10,7 +10,7 @@ from ftbias_jax.diagnosis.evidence.estimates import parameters
 from ftbias_jax.diagnosis.hypothesis import moments
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.design_matrix import Columns, change, step_and_gain
-from ftbias_jax.diagnosis.regression.fit import Fit, compared, stepped
+from ftbias_jax.diagnosis.regression.fit import Fit, log_likelihood_gain, stepped
 from ftbias_jax.diagnosis.result import Gap, LogGap
 
 
@@ -27,7 +27,7 @@ class HeldOut(NamedTuple):
     ``nats_stderr``, which also contains the variation of the effect between blocks."""
 
 
-class Judge:
+class CrossValidation:
     """Evaluates fits of one problem on held-out blocks, each fit once, whatever it is compared with."""
 
     def __init__(self, problem: Problem) -> None:
@@ -37,16 +37,16 @@ class Judge:
     def __call__(self, fit: Fit, reference: np.ndarray) -> HeldOut:
         """Evaluate a fit to all logs on held-out blocks; reference: (U, 6) errors of the model to compare with."""
         if id(fit) not in self._errors:
-            self._errors[id(fit)] = fit, unseen_error(self._problem, fit)
+            self._errors[id(fit)] = fit, held_out_error(self._problem, fit)
         _, error = self._errors[id(fit)]
         block, duration = self._problem.block(thresholds.BLOCK_SECONDS), max(self._problem.duration, 1e-9)
         # The change of the prediction, s = r - e, gains s^2 / 2 + s e, of which only s e is due to chance.
         chance = np.bincount(block, ((reference - error) * error).sum(1))
-        numbers = (*compared(self._problem, error, reference), np.sqrt((chance**2).sum()))
+        numbers = (*log_likelihood_gain(self._problem, error, reference), np.sqrt((chance**2).sum()))
         return HeldOut(error, *(float(x / duration) for x in numbers))
 
 
-def unseen_error(problem: Problem, fit: Fit) -> np.ndarray:
+def held_out_error(problem: Problem, fit: Fit) -> np.ndarray:
     """(U, 6) errors of each fold with the parameters fitted to the other folds, to first order around the full fit."""
     # For a short effect every fourth bin is held out, because a longer block would hide all of it.
     local = any(h.local or moments(problem, problem.catalogue[h.effect]) for h in fit.hypotheses)
@@ -206,7 +206,7 @@ def compare(
     for log, name in enumerate(names):
         own = problem.log == log
         first, last = (_sigmas(problem, held.error, own) for held in (before, after))
-        alone, gain = alone_in(accepted, own)
+        alone, gain = refit_one_log(accepted, own)
         values = {h.effect: parameters(problem, alone, h) for h in accepted.hypotheses}
         gain_per_second = gain / max(problem.durations[log], 1e-9)
         said = {effect: value for effect, (value, _) in values.items()}
@@ -221,7 +221,7 @@ def _sigmas(problem: Problem, error: np.ndarray, own: np.ndarray) -> float:
     return float(np.sqrt(1 + max(float(excess_by_channel(few, error[own]).mean()), 0.0)))
 
 
-def alone_in(accepted: Fit, own: np.ndarray) -> tuple[Fit, float]:
+def refit_one_log(accepted: Fit, own: np.ndarray) -> tuple[Fit, float]:
     """The causes refitted to one log's bins (U,), to first order around the fit to all, and the gain there in nats."""
     columns = Columns(*(x * own[:, None] for x in accepted.columns))
     return stepped(accepted, columns, accepted.error * own[:, None])

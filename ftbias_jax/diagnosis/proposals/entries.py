@@ -13,7 +13,7 @@ from ftbias_jax.diagnosis.hypothesis import Hypothesis, movable, search_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import whitened, with_and_without
 from ftbias_jax.diagnosis.regression.fit import Fit, covariance, fit, undamped
-from ftbias_jax.diagnosis.thresholds import CLOSE, ENTRY_STD, LIKE_A_ROTATION, NATS_PER_DEGREE
+from ftbias_jax.diagnosis.thresholds import CLOSE, ENTRY_STD, LIKE_A_ROTATION, PENALTY_PER_PARAMETER
 from ftbias_jax.model.effects.fitting import Entries
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.setup.rotations import skew
@@ -31,7 +31,7 @@ class Whole(NamedTuple):
     matrix: Hypothesis
     covariance: np.ndarray
     """(F, F)."""
-    earned: bool
+    worth_its_parameters: bool
     """Whether the entries added to the few are worth their parameters."""
 
     def spread(self, h: Hypothesis) -> np.ndarray:
@@ -60,8 +60,8 @@ def whole_matrix(problem: Problem, found: Fit, few: Hypothesis) -> Whole:
     # The other hypotheses of the fit are the original objects, by which the caller identifies them.
     others = zip(found.hypotheses, begun, strict=True)
     whole = whole._replace(hypotheses=tuple(own if h is few else h for h, own in others))
-    earned = _by_numbers(problem, whole) > _by_numbers(problem, found)
-    return Whole(whole, matrix, covariance(problem, whole), earned)
+    worth_its_parameters = _by_numbers(problem, whole) > _by_numbers(problem, found)
+    return Whole(whole, matrix, covariance(problem, whole), worth_its_parameters)
 
 
 def evidence(problem: Problem, found: Fit) -> float:
@@ -75,7 +75,7 @@ def evidence(problem: Problem, found: Fit) -> float:
         return paid
     spread = found.spread(few, covariance(problem, found))
     surer = len(few.free) * np.log(ENTRY_STD) - np.linalg.slogdet(spread)[1] / 2
-    return paid + NATS_PER_DEGREE * len(few.free) - float(surer)
+    return paid + PENALTY_PER_PARAMETER * len(few.free) - float(surer)
 
 
 def _by_numbers(problem: Problem, found: Fit) -> float:
@@ -83,7 +83,7 @@ def _by_numbers(problem: Problem, found: Fit) -> float:
     few = entries_of(problem, found)
     entries = found.z[movable(problem, problem.catalogue[few.effect])] if few else np.zeros(0)
     unlikely = float((entries**2).sum()) / (2 * ENTRY_STD**2)
-    return found.log_likelihood - NATS_PER_DEGREE * found.degrees - unlikely
+    return found.log_likelihood - PENALTY_PER_PARAMETER * found.degrees - unlikely
 
 
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
@@ -96,20 +96,22 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     of_entry = size_of_entries(problem.catalogue[h.effect])
     leaks = np.zeros((6, 6))
     leaks[of_entry > 0] = whole.fit.z[list(whole.matrix.free)]
-    told = leaks * of_entry, of_entry, np.linalg.pinv(whole.spread(whole.matrix))
-    rotation, share = nearest(ROTATIONS, *told)
+    of_leaks = leaks * of_entry, of_entry, np.linalg.pinv(whole.spread(whole.matrix))
+    rotation, share = nearest(ROTATIONS, *of_leaks)
     if share > LIKE_A_ROTATION and not any(p.unit == "rad" for p in beside):
         degrees = ", ".join(f"{x:.2f}" for x in np.rad2deg(rotation))
         return (
-            "; or the sensor is mounted turned, or an encoder is off: the leaks are those of a turn by "
+            "; or the sensor is mounted turned, or an encoder is off: the crosstalk is that of a rotation by "
             f"({degrees}) degrees"
         )
-    arm, share = nearest(ARMS, *told)
+    arm, share = nearest(ARMS, *of_leaks)
     if share > LIKE_A_ROTATION and not any(p.stated == "center_of_mass" for p in beside):
         metres = ", ".join(f"{x:.2g}" for x in arm)
-        return f"; or the centre of mass is not where it is stated: the leaks are those of an arm of ({metres}) m"
+        return (
+            f"; or the centre of mass is not where it is stated: the crosstalk is that of a lever arm of ({metres}) m"
+        )
     if share_of_gains(problem, found, h) > CLOSE:
-        return "; or channels whose gains are wrong: force and torque go together in this log, so that they do as well"
+        return "; or wrong gains of channels: force and torque are correlated in this log, so gains explain it as well"
     return ""
 
 

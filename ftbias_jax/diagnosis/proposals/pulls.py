@@ -130,7 +130,8 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     why = "such a cable is not plausible" if far else "its length and anchor are not determined"
     mean, varies = equivalent_force(problem, found, h)
     size = ", ".join(f"{x:.2g}" for x in mean)
-    return f"; {why}, and any force like it would do: ({size}) N in base axes on the tool, varying by {varies:.2g} N"
+    force = f"({size}) N in base axes on the tool, varying by {varies:.2g} N"
+    return f"; {why}, and any similar force explains the log as well: {force}"
 
 
 def equivalent_force(problem: Problem, found: Fit, h: Hypothesis) -> tuple[np.ndarray, float]:

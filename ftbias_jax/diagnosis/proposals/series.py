@@ -14,7 +14,7 @@ from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.design_matrix import change, channels_first
 from ftbias_jax.diagnosis.regression.evaluate import readings, sensor_axes, whitened, whitened_single
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.regression.score_test import gains, stand
+from ftbias_jax.diagnosis.regression.score_test import gains, prepare_fit
 from ftbias_jax.diagnosis.regression.series import pulse, retimed, settlings, steps
 from ftbias_jax.diagnosis.thresholds import CLOSE, LEAST_GAIN, LONGEST_JUMP
 from ftbias_jax.model.effects.fitting import Settling, Step
@@ -32,7 +32,7 @@ PULSES = (0.1, 0.25, 0.6, 1.5)
 """s, durations of the candidate events."""
 
 
-class Library(NamedTuple):
+class Dictionary(NamedTuple):
     """Whitened series of one problem that no fit changes, computed once."""
 
     series: dict[str, list[Hypothesis]]
@@ -44,7 +44,7 @@ class Library(NamedTuple):
     """(6, E, U) pulses, channels first."""
 
 
-def make_library(problem: Problem) -> Library:
+def make_dictionary(problem: Problem) -> Dictionary:
     """All series that are searched."""
     series: dict[str, list[Hypothesis]] = {}
     for effect in problem.catalogue.searched_by(Settling):
@@ -65,7 +65,7 @@ def make_library(problem: Problem) -> Library:
     series = {name: found for name, found in series.items() if found}
     white = {name: alike(problem, [h.shapes[0] for h in found]) for name, found in series.items()}
     pulses = alike(problem, [pulse(problem, event) for event in events])
-    return Library(series, white, events, channels_first(pulses))
+    return Dictionary(series, white, events, channels_first(pulses))
 
 
 def between_steps(duration: float) -> float:
@@ -86,14 +86,14 @@ def by_channel(accepted: Fit, white: np.ndarray) -> np.ndarray:
     return (along**2 / np.maximum(power, 1e-9) / 2).sum(1)
 
 
-def best_series(problem: Problem, library: Library, accepted: Fit, taken: Collection[str]) -> Iterator[Found]:
+def best_series(problem: Problem, dictionary: Dictionary, accepted: Fit, taken: Collection[str]) -> Iterator[Found]:
     """Best series of every effect that settles, then of every effect that begins at some time, refined."""
     for search, refined in ((Settling, _with_time_constant), (Step, _with_time)):
         for name in (effect.name for effect in searched_by(problem, taken, search)):
-            if name in library.series:
-                gain = by_channel(accepted, library.white[name])
+            if name in dictionary.series:
+                gain = by_channel(accepted, dictionary.white[name])
                 place = int(gain.argmax())
-                yield refined(problem, accepted, (float(gain[place]), library.series[name][place]))
+                yield refined(problem, accepted, (float(gain[place]), dictionary.series[name][place]))
 
 
 def _with_time_constant(problem: Problem, accepted: Fit, found: Found) -> Found:
@@ -149,7 +149,7 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     if h.detail.ramp > LONGEST_JUMP:
         return f"; or something slower that is not in the catalogue, because it took {h.detail.ramp:.2g} s"
     rest, series = without(found, h)
-    prepared_fit = stand(rest)
+    prepared_fit = prepare_fit(rest)
 
     def nats_of(columns: np.ndarray) -> float:
         return gains(prepared_fit, columns).of(list(range(len(columns))))

@@ -8,7 +8,7 @@ import numpy as np
 from ftbias_jax.diagnosis import thresholds
 from ftbias_jax.diagnosis.hypothesis import Event, Found, Hypothesis, penalty, searched_by
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.proposals.series import Library
+from ftbias_jax.diagnosis.proposals.series import Dictionary
 from ftbias_jax.diagnosis.regression.design_matrix import step_and_gain
 from ftbias_jax.diagnosis.regression.evaluate import whitened_series
 from ftbias_jax.diagnosis.regression.fit import Fit, projection
@@ -18,25 +18,25 @@ from ftbias_jax.model.wrench.inertia import center_of_mass
 
 SHAPES = (4, 8, 16, 32)
 """Maximum numbers of tent basis functions of an event of any shape."""
-TRIMS, TRIM_HATS = 3, 32
+TRIMS, TRIM_TENTS = 3, 32
 REWEIGHTINGS = 4
 
 
 def touches(
-    problem: Problem, library: Library, accepted: Fit, taken: Collection[str], smooth: np.ndarray
+    problem: Problem, dictionary: Dictionary, accepted: Fit, taken: Collection[str], smooth: np.ndarray
 ) -> list[Found]:
     """Events that stand out, as one hypothesis with wrenches of any shape, with its gain; for every such effect.
 
     They are detected, but not judged, in the residual of ``smooth`` (M, U, 6), derivatives of other possible causes.
     """
     names = [effect.name for effect in searched_by(problem, taken, Touches)]
-    if not names or not library.events:
+    if not names or not dictionary.events:
         return []
     alone, found = robust_rest(smooth, accepted.error), list[Found]()
     # A long contact is detected more reliably by its sudden ends, as a filter does, than as a sum of pulses, of which
     # other causes would absorb a part.
     seen = [Event(log, one.start, one.end) for log, part in enumerate(problem.parts) for one in part.touched.contacts]
-    ways = ((_pursue(library, alone), alone), (seen, accepted.error))
+    ways = ((_pursue(dictionary, alone), alone), (seen, accepted.error))
     for name, (events, error) in product(names, ways):
         trimmed = _trimmed(problem, name, error, merge(events)) if events else []
         strong = _beyond_motion(problem, name, error, trimmed)
@@ -56,9 +56,9 @@ def _gain(accepted: Fit, series: np.ndarray) -> float:
     return step_and_gain(whole, accepted.error)[1]
 
 
-def _pursue(library: Library, error: np.ndarray) -> list[Event]:
+def _pursue(dictionary: Dictionary, error: np.ndarray) -> list[Event]:
     """Pulses that gain most on innovations (U, 6), found one after the other."""
-    white, events = library.events_white, list[Event]()
+    white, events = dictionary.events_white, list[Event]()
     power = np.maximum(np.square(white).sum(2), 1e-6)
     left = error.T.astype(white.dtype)
     for _ in range(thresholds.MOST_EVENTS):
@@ -68,7 +68,7 @@ def _pursue(library: Library, error: np.ndarray) -> list[Event]:
         if gain[best] < thresholds.LEAST_EVENT:
             break
         left = left - (along[:, best] / power[:, best])[:, None] * white[:, best]
-        events.append(library.events[best])
+        events.append(dictionary.events[best])
     return events
 
 
@@ -101,7 +101,7 @@ def takes_most(h: Hypothesis, problem: Problem) -> bool:
 def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
     """Why events may be something else: only short ones are certain."""
     short = bool(_lengths(h).max() < thresholds.SURELY_EVENT)
-    return "" if short else "; or something that is not in the catalogue, for it lasted long"
+    return "" if short else "; or something that is not in the catalogue, because it lasted long"
 
 
 def _lengths(h: Hypothesis) -> np.ndarray:
@@ -126,7 +126,7 @@ def robust_rest(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
 def _trimmed(problem: Problem, effect: str, error: np.ndarray, events: list[Event]) -> list[Event]:
     """Events with start and end determined by innovations (U, 6)."""
     for _ in range(TRIMS):
-        coefficients, white, ends = _hats(problem, effect, error, events, TRIM_HATS)
+        coefficients, white, ends = _tents(problem, effect, error, events, TRIM_TENTS)
         nats = ((coefficients[:, None] * white) ** 2).sum((1, 2)) / 2
         by_event = np.split(nats, ends)
         trimmed = [part for event, nats in zip(events, by_event, strict=True) for part in parts_of(event, nats)]
@@ -141,7 +141,7 @@ def _beyond_motion(problem: Problem, effect: str, error: np.ndarray, events: lis
     unseen = max(part.unseen[:3].max() for part in problem.parts)
     if not unseen or not events:
         return events
-    coefficients, _, ends = _hats(problem, effect, error, events, SHAPES[0])
+    coefficients, _, ends = _tents(problem, effect, error, events, SHAPES[0])
     center = np.asarray(center_of_mass(problem.parts[0].signals.model.theta))
     return pushes(events, np.split(coefficients, ends), center, unseen)
 
@@ -155,14 +155,14 @@ def pushes(events: list[Event], wrenches: list[np.ndarray], center: np.ndarray, 
     strong, aside = list[Event](), False
     for event, wrench in zip(events, wrenches, strict=True):
         force, torque = wrench[:, :3], wrench[:, 3:]
-        if np.abs(force).max() > thresholds.CREST * unseen:
+        if np.abs(force).max() > thresholds.CREST_FACTOR * unseen:
             about_center = np.linalg.norm(torque - np.cross(center, force))
             strong.append(event)
             aside |= bool(about_center > thresholds.LEAST_LEVER * np.linalg.norm(force))
     return strong if aside else []
 
 
-def _hats(
+def _tents(
     problem: Problem, effect: str, error: np.ndarray, events: list[Event], tents: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Wrenches (H, 6) N, Nm of tent basis functions by innovations (U, 6), whitened series, boundaries of events."""
@@ -175,11 +175,11 @@ def _hats(
 def parts_of(event: Event, nats: np.ndarray) -> list[Event]:
     """Event without the tent basis functions with little gain (H,) nats, at its ends or between its parts."""
     log, start, end = event
-    matter = np.flatnonzero(nats > max(thresholds.LEAST_HAT, thresholds.LEAST_SHARE_OF_HAT * nats.max()))
+    matter = np.flatnonzero(nats > max(thresholds.LEAST_TENT, thresholds.LEAST_SHARE_OF_TENT * nats.max()))
     if not len(matter):
         return [event]
     width, last = (end - start) / (len(nats) - 1), len(nats) - 1
-    pieces = np.split(matter, np.flatnonzero(np.diff(matter) > thresholds.CLEAR_HATS) + 1)
+    pieces = np.split(matter, np.flatnonzero(np.diff(matter) > thresholds.CLEAR_TENTS) + 1)
     least = min(thresholds.LEAST_EVENT, max(nats[p].sum() for p in pieces) / 2)
     pieces = [p for p in pieces if nats[p].sum() > least]
     return [Event(log, start + max(p[0] - 1, 0) * width, start + min(p[-1] + 1, last) * width) for p in pieces]

@@ -33,9 +33,9 @@ def readings(problem: Problem, z: np.ndarray) -> np.ndarray:
             at[joints] = offsets
             return chain_model.motion(part.signals, problem.known, at, catalogue=problem.catalogue)
 
-        told = part.signals, problem.known
-        reading = chain_model.reading.prepare(*told, part.nominal, z[0], catalogue=problem.catalogue)
-        found = [reading(*told, motion(*row[joints]), row) for row in z]
+        arguments = part.signals, problem.known
+        reading = chain_model.reading.prepare(*arguments, part.nominal, z[0], catalogue=problem.catalogue)
+        found = [reading(*arguments, motion(*row[joints]), row) for row in z]
         return np.stack([np.asarray(one)[: part.used] for one in found])
 
     return np.concatenate([of_log(part) for part in problem.parts], axis=1)

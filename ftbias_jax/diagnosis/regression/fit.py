@@ -209,10 +209,10 @@ def projection(series: np.ndarray) -> Callable[[np.ndarray], tuple[np.ndarray, n
     It returns the coefficients (C, 6 E) that bring error + sum c series nearest to zero, and the remaining errors.
     """
     columns, by_channel = Columns(series[:0], series), channels_first(series)
-    told = information(columns)
+    normal = information(columns)
 
     def project(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        coefficients = -told.solve(products(columns, errors).T).T
+        coefficients = -normal.solve(products(columns, errors).T).T
         of_channel = coefficients.reshape(len(errors), len(series), 6).transpose(2, 0, 1)
         return coefficients, errors + (of_channel @ by_channel).transpose(1, 2, 0)
 
@@ -263,7 +263,7 @@ def _trials(
     return np.clip(trials, least, most, out=trials)
 
 
-def compared(problem: Problem, better: np.ndarray, worse: np.ndarray) -> tuple[float, float]:
+def log_likelihood_gain(problem: Problem, better: np.ndarray, worse: np.ndarray) -> tuple[float, float]:
     """Log-likelihood gain in nats of innovations (U, 6) over others, and its standard error from blocks."""
     by_block = np.bincount(problem.block(BLOCK_SECONDS), (worse**2 - better**2).sum(1)) / 2
     return float(by_block.sum()), float(np.sqrt(len(by_block)) * by_block.std())

@@ -6,7 +6,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis.regression.design_matrix import Information, information, products
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.thresholds import NATS_PER_DEGREE
+from ftbias_jax.diagnosis.thresholds import PENALTY_PER_PARAMETER
 
 SINGLE = 1e-5
 """Share of a column's power that is uncertain in single precision: a smaller remainder is rounding error."""
@@ -46,7 +46,7 @@ class Gains(NamedTuple):
             gains = np.where(spent, -1, pull**2 / (np.maximum(left, 0) + ridge))
             best = int(gains.argmax())
             gain = float(gains[best]) / 2
-            if gain < max(2 * NATS_PER_DEGREE, least * (gained + gain)):
+            if gain < max(2 * PENALTY_PER_PARAMETER, least * (gained + gain)):
                 break
             chosen, gained = [*chosen, rows[best]], gained + gain
             # The chosen column is projected out of the others and of the error.
@@ -73,7 +73,7 @@ class PreparedFit(NamedTuple):
         return self._replace(fit=self.fit._replace(error=error), pull=pull, step=step)
 
 
-def stand(fit: Fit) -> PreparedFit:
+def prepare_fit(fit: Fit) -> PreparedFit:
     """Prepare a fit for further columns."""
     return PreparedFit(fit, information(fit.columns), *np.zeros((2, 0))).at(fit.error)
 

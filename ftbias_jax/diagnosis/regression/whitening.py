@@ -13,7 +13,7 @@ import numpy as np
 
 from ftbias_jax.filtering.likelihood import WrenchProblem
 
-STRETCH = 32
+SEGMENT_BINS = 32
 """Bins per segment: more make the products longer, fewer the loop."""
 
 
@@ -63,13 +63,13 @@ class Whitener(NamedTuple):
 
 def make_whitener(problem: WrenchProblem, used: int) -> Whitener:
     """Matrices of the bias filter of one log that has ``used`` bins before the padding."""
-    n = -(-used // STRETCH)
+    n = -(-used // SEGMENT_BINS)
     gains, weight = (_filled(x, n) for x in recursion(problem, used))
     dt = _filled(np.asarray(problem.dt)[:used], n)
-    lanes = STRETCH + 2  # a unit reading in each bin of the segment, then a unit bias and a unit drift before it
-    white, (bias, drift) = np.zeros((STRETCH, n, 6, lanes)), np.zeros((2, n, 6, lanes))
-    bias[..., STRETCH], drift[..., STRETCH + 1] = 1, 1
-    for j in range(STRETCH):
+    lanes = SEGMENT_BINS + 2  # a unit reading in each bin of the segment, then a unit bias and a unit drift before it
+    white, (bias, drift) = np.zeros((SEGMENT_BINS, n, 6, lanes)), np.zeros((2, n, 6, lanes))
+    bias[..., SEGMENT_BINS], drift[..., SEGMENT_BINS + 1] = 1, 1
+    for j in range(SEGMENT_BINS):
         bias += dt[:, j, None, None] * drift
         innovation = -bias
         innovation[..., j] += 1
@@ -77,7 +77,12 @@ def make_whitener(problem: WrenchProblem, used: int) -> Whitener:
         bias += gains[:, j, 0, :, None] * innovation
         drift += gains[:, j, 1, :, None] * innovation
     by_all, states = white.transpose(2, 1, 0, 3), np.stack([bias, drift]).transpose(2, 1, 0, 3)
-    parts = (by_all[..., :STRETCH], by_all[..., STRETCH:], states[..., :STRETCH], states[..., STRETCH:])
+    parts = (
+        by_all[..., :SEGMENT_BINS],
+        by_all[..., SEGMENT_BINS:],
+        states[..., :SEGMENT_BINS],
+        states[..., SEGMENT_BINS:],
+    )
     return Whitener(*(np.ascontiguousarray(part) for part in parts))
 
 
@@ -109,5 +114,5 @@ def recursion(problem: WrenchProblem, used: int) -> tuple[np.ndarray, np.ndarray
 
 def _filled(x: np.ndarray, n: int) -> np.ndarray:
     """(U, ...) -> (n, STRETCH, ...), padded with zeros at the end."""
-    room = np.zeros((n * STRETCH - len(x), *x.shape[1:]))
-    return np.concatenate([x, room]).reshape(n, STRETCH, *x.shape[1:])
+    room = np.zeros((n * SEGMENT_BINS - len(x), *x.shape[1:]))
+    return np.concatenate([x, room]).reshape(n, SEGMENT_BINS, *x.shape[1:])

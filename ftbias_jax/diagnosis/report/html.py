@@ -52,7 +52,7 @@ def to_html(diagnosis: Diagnosis, title: str) -> str:
         page.section("Not in the catalogue", _terms(diagnosis.terms)),
         page.section("The gap before and after" if _has_after(diagnosis) else "The gap", _gap(diagnosis)),
         page.section("Log by log", page.paragraphs(words.log_lines(diagnosis))),
-        page.section("What is left, against time", _times(diagnosis)),
+        page.section("Residual against time", _times(diagnosis)),
         page.section("What is left, against the cause", _regressor(diagnosis)),
         page.section("How well each effect explains it", _ranking(diagnosis)),
         page.section("Twins: what the data do not tell apart", _twins(diagnosis.causes)),
@@ -113,9 +113,9 @@ def _terms(terms: Sequence[FoundTerm]) -> str:
     for number, term in enumerate(terms):
         plot = page.figure(plots.plot_term(term.curve, f"term-{number}"), caption) if term.curve is not None else ""
         table = page.html_table(("number", "value ± standard error"), words.term_numbers(term))
-        told = [("Looks like", ", ".join(term.resembles)), ("What to check", term.check)]
-        told += [(f"Could as well be {d}", how) for d, how in zip(term.equivalent_to, term.separate_by, strict=True)]
-        items = page.bullets(f"<b>{escape(head)}</b>: {escape(text)}." for head, text in told if text)
+        rows = [("Looks like", ", ".join(term.resembles)), ("What to check", term.check)]
+        rows += [(f"Could as well be {d}", how) for d, how in zip(term.equivalent_to, term.separate_by, strict=True)]
+        items = page.bullets(f"<b>{escape(head)}</b>: {escape(text)}." for head, text in rows if text)
         parts.append(
             f"<h3>{page.typeset(page.capital(term.text))}</h3><div class='pair'>{plot}<div>{table}{items}</div></div>"
         )
@@ -183,7 +183,7 @@ def _ranking(diagnosis: Diagnosis) -> str:
     if not ranked:
         return ""
     named = {cause.title for cause in diagnosis.causes}
-    behind = [words.behind_words(candidate) for candidate in ranked]
+    behind = [words.gain_deficit_words(candidate) for candidate in ranked]
     pairs = zip(ranked, behind, strict=True)
     bars = [plots.Bar(c.title, c.held_out_gain, c.behind_stderr, less, c.title in named) for c, less in pairs]
     found = [plots.Bar(f"term: {t.drive}", t.held_out_gain, t.held_out_gain_stderr, "", True) for t in diagnosis.terms]

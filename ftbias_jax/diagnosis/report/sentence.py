@@ -49,7 +49,7 @@ def headline(
 def no_free_motion(gap: Gap, seconds: float) -> str:
     """The headline of logs in which the tool is in contact from the first second to the last."""
     return (
-        f"Something touches the tool from 0 to {seconds:.1f} s: no free motion, so nothing else can be told. "
+        f"Something touches the tool from 0 to {seconds:.1f} s: no free motion, so no other effect can be identified. "
         f"{_capital(_error(gap))}. Record some seconds of free motion, or tare."
     )
 
@@ -122,7 +122,7 @@ def _what_to_do(found: Sequence[Found]) -> tuple[str, ...]:
     for end in (";", ":", ","):
         if len(first.split()) > FEW_WORDS:
             first = first.split(end)[0]
-    alone = "Let the model know (--apply)."
+    alone = "Add the cause to the setup (--apply)."
     return (f"{_capital(first)}, or let the model know (--apply).", f"{_capital(first)}.", alone) if first else (alone,)
 
 
@@ -148,12 +148,14 @@ def _capital(text: str) -> str:
 
 def note(setup: Setup, rest: str = "") -> str:
     """What a reader must know besides the headline, in further sentences; the last one is ``at_rest.rest_in_words``."""
-    told = []
+    sentences = []
     if setup.sensor.correlated_std is not None and setup.sensor.correlated_std.any():
-        told.append("The setup's correlated noise is not used here: errors are judged against white noise and drift.")
+        sentences.append(
+            "The setup's correlated noise is not used here: errors are judged against white noise and drift."
+        )
     if is_draft(setup):
-        told.append(
+        sentences.append(
             "The setup's tool is a draft, so its mass and centre of mass were fitted beside all causes: run ftbias "
             "identify with the setup that --apply writes."
         )
-    return " ".join([*told, f"{rest[:1].upper()}{rest[1:]}." if rest else ""]).strip()
+    return " ".join([*sentences, f"{rest[:1].upper()}{rest[1:]}." if rest else ""]).strip()

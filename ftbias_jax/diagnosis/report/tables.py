@@ -13,7 +13,7 @@ from ftbias_jax.diagnosis.result import ALL_ALONG, AT_ONCE, Candidate, Course, D
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.types import AXES
 
-SUREST = 3
+SHOWN_OF_LONG = 3
 """Numbers that a table shows of a parameter with more than LONGEST_LIST, the most significant first."""
 LONGEST_LIST = 6
 """Largest number of values of one parameter that a table shows; the JSON has all."""
@@ -70,7 +70,7 @@ def term_numbers(term: FoundTerm) -> list[tuple[str, str]]:
     return rows + point
 
 
-def behind_words(candidate: Candidate) -> str:
+def gain_deficit_words(candidate: Candidate) -> str:
     """How much less a candidate gains than the best of the ranking, compared block by block; "" = not compared."""
     if not np.isfinite(candidate.behind):
         return ""
@@ -113,7 +113,7 @@ def _numbers_words(value: object, stderr: object) -> str:
     if values.size <= LONGEST_LIST:
         return ", ".join(value_words(x, e) for x, e in zip(values.ravel(), errors.ravel(), strict=True))
     worth = np.divide(np.abs(np.nan_to_num(values)), errors, out=np.zeros(values.shape), where=errors > 0)
-    order = np.argsort(-(worth if worth.any() else np.abs(np.nan_to_num(values))), axis=None)[:SUREST]
+    order = np.argsort(-(worth if worth.any() else np.abs(np.nan_to_num(values))), axis=None)[:SHOWN_OF_LONG]
     shown = []
     for k in order[values.flat[order] != 0]:
         place = ", ".join(str(i + 1) for i in np.unravel_index(k, values.shape))

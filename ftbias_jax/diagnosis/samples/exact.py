@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis import thresholds
-from ftbias_jax.diagnosis.samples.types import Finding, name_channels, surprise
+from ftbias_jax.diagnosis.samples.types import Finding, log_likelihood_ratio, name_channels
 from ftbias_jax.model.effects.fitting import FLAT_TOPS, LATTICE, LOST
 from ftbias_jax.types import AXES
 
@@ -63,7 +63,7 @@ def find_dropped(repeated: np.ndarray, gaps: Gaps) -> Finding:
     samples, copies, missing = len(repeated), int(repeated.sum()), int(gaps.lost.sum())
     total, lost = samples + missing, copies + missing
     rate, share = lost / total, copies / lost if lost else 1.0
-    nats = surprise(lost, thresholds.HEALTHY_RATE * total)
+    nats = log_likelihood_ratio(lost, thresholds.HEALTHY_RATE * total)
     detected = rate >= thresholds.LEAST_RATE and lost >= thresholds.LEAST_LOST and nats > thresholds.SURPRISING
     sentence = f"{copies} of {samples} rows repeat the row before, {missing} are missing from a clock of "
     sentence += f"{1e3 * gaps.period:.3g} ms" if gaps.period else "no steady period"
@@ -100,7 +100,7 @@ def find_quantisation(lattices: Sequence[Lattice], step: np.ndarray, error: np.n
     sentence, nats = "readings lie on no coarse lattice", 0.0
     if coarse.any():
         on_lattice = max(lattice.on_lattice for lattice in lattices)
-        nats = surprise(on_lattice, 0.1 * on_lattice)  # a tenth of them would be as close by chance
+        nats = log_likelihood_ratio(on_lattice, 0.1 * on_lattice)  # a tenth of them would be as close by chance
         ratio = (step / noise)[coarse].max()
         sentence = f"readings of {name_channels(coarse)} are multiples of a step of up to {ratio:.2g} noise sigmas"
     return Finding(LATTICE, bool(coarse.any()), {"step": step.tolist()}, {"step": error.tolist()}, nats, sentence)
@@ -125,7 +125,7 @@ def find_flat_tops(x: np.ndarray, noise_std: float, step: float) -> list[FlatTop
         width: float = max(float(noise_std) / 2, 2 * resolution)
         count = int((outward >= top - resolution / 4).sum())
         inside = int((outward >= top - width).sum()) - count
-        nats = surprise(count, (inside + 1) * resolution / width)
+        nats = log_likelihood_ratio(count, (inside + 1) * resolution / width)
         if thresholds.LEAST_TIES <= count <= thresholds.MOST_TIES * len(x) and nats >= thresholds.FLAT_TOP_NATS:
             found.append(FlatTop(side * top, count, nats))
     return found

@@ -20,7 +20,7 @@ TOP = 8
 CLIPPED_STD = 0.98658
 """Standard deviation of a standard normal that is truncated at ``thresholds.CLIP``."""
 LONG_WINDOW = 256
-KEEP = "keep sensor.noise_std: the noise is not of one size, and ftbias filter takes it as the log shows it"
+KEEP_NOISE_STD = "keep sensor.noise_std: the noise is not of one size, and ftbias filter takes it as the log shows it"
 """Remedy for noise that is not white, or not the same in motion as at rest."""
 
 
@@ -143,15 +143,15 @@ def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray, grows: bo
     scale, low, high = (std / noise_std for std in own)
     stderr = np.maximum(noise.stderr / noise.std * scale, 1e-6)
     # A step of more than two sigmas hides the noise, which then rarely crosses a level.
-    told = (step < 2 * noise_std) & np.isfinite(scale) & (rests or not grows)
+    trusted = (step < 2 * noise_std) & np.isfinite(scale) & (rests or not grows)
     floor = np.where(noise.coloured | grows, thresholds.LOUDER_IF_COLOURED, thresholds.LOUDER)
     ceiling = 1 / thresholds.LOUDER_IF_COLOURED if grows else thresholds.QUIETER
-    louder = told & (low > floor) & (low - 1 - thresholds.STATED_WITHIN > thresholds.SURELY_LOUDER * stderr)
+    louder = trusted & (low > floor) & (low - 1 - thresholds.STATED_WITHIN > thresholds.SURELY_LOUDER * stderr)
     quieter = (
-        told & (high < ceiling) & (1 - thresholds.STATED_WITHIN - high > thresholds.SURELY_QUIETER * stderr)
+        trusted & (high < ceiling) & (1 - thresholds.STATED_WITHIN - high > thresholds.SURELY_QUIETER * stderr)
     )  # one band has twice the error
     wrong = louder | quieter
-    scale, stderr = np.where(told, scale, 1.0), np.where(told, stderr, 0.0)
+    scale, stderr = np.where(trusted, scale, 1.0), np.where(trusted, stderr, 0.0)
     dof = 1 / (2 * np.maximum(stderr / scale, 1e-3) ** 2)
     nats = float((dof / 2 * (scale**2 - 1 - np.log(scale**2)))[wrong].sum())
     sentence = "the fastest part of the signal is as large as the stated noise"
@@ -163,5 +163,7 @@ def judge_noise(noise: Noise, noise_std: np.ndarray, step: np.ndarray, grows: bo
     found = Finding(LEVEL, bool(wrong.any()), {"scale": scale.tolist()}, {"scale": stderr.tolist()}, nats, sentence)
     not_white = wrong & noise.coloured
     if not_white.any():
-        found = found._replace(doubt=f"{name_channels(not_white)}: not white, and this is the white part", remedy=KEEP)
-    return found._replace(remedy=KEEP) if grows else found
+        found = found._replace(
+            doubt=f"{name_channels(not_white)}: not white, and this is the white part", remedy=KEEP_NOISE_STD
+        )
+    return found._replace(remedy=KEEP_NOISE_STD) if grows else found

@@ -103,7 +103,7 @@ def inspect_samples(
         spikes, noise, jitter = _scatter(kept, step, saturated, late_stamps=False)
     growth = no_growth(1, noise.std**2)
     if in_motion is None and not jitter.detected:
-        growth = _growth(kept.only(~(spikes.wild | saturated.any(1))), step)
+        growth = _growth(kept.only(~(spikes.outlier_rows | saturated.any(1))), step)
     if growth.detected:
         as_at_rest = kept.at_rest(growth.relative)
         spikes, noise, jitter = _scatter(as_at_rest, step, saturated, late_stamps=late_stamps)
@@ -124,7 +124,7 @@ def inspect_samples(
     clean[samples.row[repeated]] = np.nan
     # Near a limit noise takes the higher readings of a pose to it, so the mean of the remaining ones is too low.
     near_limit = six(_around(saturated, AROUND_CLIPPED))
-    clean[kept.row] = np.where(spikes.wild[:, None] | near_limit, np.nan, clean[kept.row])
+    clean[kept.row] = np.where(spikes.outlier_rows[:, None] | near_limit, np.nan, clean[kept.row])
     moving = MotionNoise(growth.variance, growth.speed) if growth.detected else known
     of_channel = dict(zip(np.flatnonzero(samples.channels).tolist(), tops, strict=True))
     return SampleFindings(
@@ -189,7 +189,9 @@ def _scatter(
     floor = np.where(blind, np.inf, least)
     for _ in range(2):
         spikes = find_spikes(samples.error, floor)
-        noise, jitter = _noise(samples.only(~(spikes.wild | saturated.any(1))), step, spikes.heavy_tailed, late_stamps)
+        noise, jitter = _noise(
+            samples.only(~(spikes.outlier_rows | saturated.any(1))), step, spikes.heavy_tailed, late_stamps
+        )
         if not jitter.detected:
             break
         late = jitter.std * np.abs(samples.rate)

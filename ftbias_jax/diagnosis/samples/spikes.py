@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.samples.exact import runs
-from ftbias_jax.diagnosis.samples.types import Finding, Numbers, surprise
+from ftbias_jax.diagnosis.samples.types import Finding, Numbers, log_likelihood_ratio
 from ftbias_jax.diagnosis.thresholds import (
     FEW_SPIKES,
     HEALTHY_RATE,
@@ -48,7 +48,7 @@ class Spikes(NamedTuple):
         return np.asarray(self.hit.any(1))
 
     @property
-    def wild(self) -> np.ndarray:
+    def outlier_rows(self) -> np.ndarray:
         """(N,) rows with a spike; none if the large values belong to heavy-tailed noise."""
         return np.zeros(len(self.hit), bool) if self.heavy_tailed else self.row
 
@@ -121,7 +121,7 @@ def find_outliers(spikes: Spikes) -> Finding:
     count, samples = int(spikes.row.sum()), len(spikes.hit)
     by_channel = spikes.hit.mean(0)
     rate = float(by_channel[by_channel >= FEW_SPIKES * by_channel.max()].mean())  # of the channels that have spikes
-    nats = surprise(count, HEALTHY_RATE * samples)
+    nats = log_likelihood_ratio(count, HEALTHY_RATE * samples)
     size, stderr = np.zeros(6), np.zeros(6)
     for channel, hit in enumerate(spikes.hit.T):
         if hit.sum() >= LEAST_HITS:

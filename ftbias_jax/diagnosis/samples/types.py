@@ -65,7 +65,7 @@ class SampleFindings(NamedTuple):
         return tuple(one for one in self if isinstance(one, Finding) and one.detected)
 
 
-def surprise(count: float, expected: float) -> float:
+def log_likelihood_ratio(count: float, expected: float) -> float:
     """Poisson log-likelihood ratio in nats of a count that is larger than expected; 0 if it is not."""
     expected = max(expected, 1e-9)
     return count * np.log(count / expected) - count + expected if count > expected else 0.0

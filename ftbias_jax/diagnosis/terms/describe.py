@@ -6,16 +6,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored
-from ftbias_jax.diagnosis.evidence.gap import Judge, gap_removed
+from ftbias_jax.diagnosis.evidence.gap import CrossValidation, gap_removed
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.entries import entries_of, evidence
 from ftbias_jax.diagnosis.proposals.touches import takes_most
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.regression.score_test import stand
+from ftbias_jax.diagnosis.regression.score_test import prepare_fit
 from ftbias_jax.diagnosis.regression.series import shaped
 from ftbias_jax.diagnosis.search import gap_of
+from ftbias_jax.diagnosis.terms.dictionary import merit_of
 from ftbias_jax.diagnosis.terms.fit_terms import Solved
-from ftbias_jax.diagnosis.terms.library import merit_of
 from ftbias_jax.diagnosis.terms.select import Search, Step, numbers_of
 from ftbias_jax.diagnosis.thresholds import (
     AS_WELL,
@@ -23,8 +23,8 @@ from ftbias_jax.diagnosis.thresholds import (
     CLOSE,
     LEAST_GAIN,
     LEAST_SHARE_OF_GAP,
-    NATS_PER_DEGREE,
     NEARLY,
+    PENALTY_PER_PARAMETER,
 )
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.fitting import Linear, Pull, Ringing, Touches
@@ -65,7 +65,7 @@ class Outcome(NamedTuple):
 
 def describe(
     problem: Problem,
-    hold_out: Judge,
+    hold_out: CrossValidation,
     base: Fit,
     accepted: Fit,
     rounds: list[list[Scored]],
@@ -91,7 +91,7 @@ def describe(
         better = found and found[0][0] > ahead * merit_of(gain, _numbers(scored[0].fit) - _numbers(kept))
         # Contact during most of a log leaves too little free motion to judge a term that follows the motion.
         unjudged = takes_most(scored[0].hypothesis, problem) and found[0][1].terms[0].drive != SAME[Touches]
-        if better and not unjudged and not says(problem, scored[0], kept, found[0][1]):
+        if better and not unjudged and not is_equivalent_to_term(problem, scored[0], kept, found[0][1]):
             break  # a single term is better
         kept = scored[0].fit
         found = search.best(kept)
@@ -139,9 +139,9 @@ def _numbers(found: Fit) -> int:
     return found.degrees - sum(6 * hats - OF_AN_EVENT * count for hats, count in events)
 
 
-def follows_something(problem: Problem, base: Fit, hold_out: Judge) -> bool:
+def follows_something(problem: Problem, base: Fit, hold_out: CrossValidation) -> bool:
     """Whether one term may explain nearly all, to first order: contact by a hand follows no drive."""
-    ranked = Search(problem, base, hold_out).ranked(stand(base))
+    ranked = Search(problem, base, hold_out).ranked(prepare_fit(base))
     gap = -base.log_likelihood - (problem.samples > 0).sum() / 2
     return bool(ranked and ranked[0].merit > (1 - NEARLY) * gap)
 
@@ -157,14 +157,14 @@ def _by_name(
     place = len(kept.hypotheses)
     if not found or place >= len(rounds):
         return kept, found, rounds
-    same = [one for one in rounds[place] if says(search.problem, one, kept, found[0][1])]
+    same = [one for one in rounds[place] if is_equivalent_to_term(search.problem, one, kept, found[0][1])]
     if not same:
         return kept, found, rounds
     named = [same[0], *(one for one in rounds[place] if one is not same[0])]
     return same[0].fit, search.best(same[0].fit), [*rounds[:place], named, *rounds[place + 1 :]]
 
 
-def says(problem: Problem, effect: Scored, kept: Fit, described: Solved) -> bool:
+def is_equivalent_to_term(problem: Problem, effect: Scored, kept: Fit, described: Solved) -> bool:
     """Whether an effect of the tool or its mounting changes the reading as a term that follows gravity does.
 
     It must do nearly the same to the forces or the torques, whichever the term acts on, and no harm to the others: a
@@ -175,7 +175,7 @@ def says(problem: Problem, effect: Scored, kept: Fit, described: Solved) -> bool
     of_tool = isinstance(problem.catalogue[effect.hypothesis.effect].fit.search, (Linear, Ringing))
     more = effect.fit.degrees - kept.degrees - numbers_of(term)
     gain = effect.fit.log_likelihood - described.log_likelihood
-    if term.drive != GRAVITY or not of_tool or (more > 0 and gain < NATS_PER_DEGREE * more):
+    if term.drive != GRAVITY or not of_tool or (more > 0 and gain < PENALTY_PER_PARAMETER * more):
         return False
     of_effect, of_term = (kept.error - one.error for one in (effect.fit, described))
     power, apart = (of_term**2).sum(0), ((of_term - of_effect) ** 2).sum(0)
@@ -200,7 +200,7 @@ def _rivals(problem: Problem, base: Fit, accepted: Fit, found: Sequence[tuple[fl
     return tuple(term for term in terms if term.drive != SAME[search])
 
 
-def _holds(problem: Problem, hold_out: Judge, base: Fit, fit: Fit, accepted: Fit, share: float) -> bool:
+def _holds(problem: Problem, hold_out: CrossValidation, base: Fit, fit: Fit, accepted: Fit, share: float) -> bool:
     """Whether a fit removes this share of what the accepted one removes on held-out blocks."""
     ours, theirs = (gap_removed(problem, base.error, hold_out(one, base.error).error) for one in (fit, accepted))
     return ours > share * theirs

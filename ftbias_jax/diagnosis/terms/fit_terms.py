@@ -89,14 +89,14 @@ def improve(
     now, level = _solve(problem, state, prepared_fit, terms), 0
     for _ in range(steps if places else 0):
         least = max(ENOUGH, enough * (now.log_likelihood - prepared_fit.fit.log_likelihood))
-        told = _reduced(prepared_fit, now, _slopes(problem, state, now.terms, places))
-        free, promised = _step(*told, 0.0)
+        reduced = _reduced(prepared_fit, now, _slopes(problem, state, now.terms, places))
+        free, promised = _step(*reduced, 0.0)
         if promised < least:
             break
         least_level = level if np.abs(free).max() > LONGEST_STEP else 0
         best = now
         for level in range(least_level, len(DAMPINGS)):
-            step = np.clip(_step(*told, DAMPINGS[level])[0], -LONGEST_STEP, LONGEST_STEP)
+            step = np.clip(_step(*reduced, DAMPINGS[level])[0], -LONGEST_STEP, LONGEST_STEP)
             trial = _solve(problem, state, prepared_fit, _moved(now.terms, places, step))
             best = max(best, trial, key=lambda solved: solved.log_likelihood)
             gained = trial.log_likelihood - now.log_likelihood

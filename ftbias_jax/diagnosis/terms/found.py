@@ -11,7 +11,7 @@ from ftbias_jax.diagnosis.regression.fit import Fit, covariance
 from ftbias_jax.diagnosis.result import Curve, FoundTerm, Gap, Numbers
 from ftbias_jax.diagnosis.terms.describe import Description
 from ftbias_jax.diagnosis.terms.grid import free_names
-from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS, resembles, spells_in_words
+from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS, intervals_in_words, resembles
 from ftbias_jax.diagnosis.terms.select import is_gain_too
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.model.effects.terms.columns import added, at_point, count_columns, has_point
@@ -38,8 +38,8 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
     spread = np.sqrt(np.maximum(np.diag(covariance(problem, described.fit)), 0))
     row, total = len(description.kept.columns.moving), max(gap.before_sigmas**2 - 1, 1e-12)
     found = []
-    told = zip(description.steps, described.terms, described.scales, described.local_stderr, strict=True)
-    for step, term, scales, local in told:
+    details = zip(description.steps, described.terms, described.scales, described.local_stderr, strict=True)
+    for step, term, scales, local in details:
         stderr = scales * spread[row : row + len(scales)]
         row += len(scales)
         names = [name for name in free_names(term) if name not in local]
@@ -258,7 +258,7 @@ def _does(term: Term) -> str:
     numbers = {name: float(value) for name, value in term.parameters.items() if np.size(value) == 1}
     if "frequency" in numbers:
         numbers["period"] = 1 / max(numbers["frequency"], 1e-9)
-    spells = spells_in_words(term.parameters["time"]) if "time" in term.parameters else ""
+    spells = intervals_in_words(term.parameters["time"]) if "time" in term.parameters else ""
     joints = f"joint {term.joint}" if term.joint else "all joints"
     return FORM_WORDS[term.drive, term.form].format(**numbers, joint=term.joint, joints=joints, spells=spells)
 

@@ -19,7 +19,7 @@ from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.types import State, Term
 from ftbias_jax.types import Array
 
-SWINGS = tuple((f, z) for f in np.geomspace(0.4, 14.0, 13) for z in (0.04, 0.3))
+OSCILLATIONS = tuple((f, z) for f in np.geomspace(0.4, 14.0, 13) for z in (0.04, 0.3))
 """Hz and damping ratios."""
 SPEEDS, TURNS = (0.005, 0.05), (0.01, 0.1)
 """m/s and rad/s below which dry friction gives way."""
@@ -46,7 +46,7 @@ SWITCHED = {
     "payload": ("acceleration", "payload", (FORCE,)),
 }
 """What may be switched on and off -> drive, form, frame, and what the term acts as."""
-TAKEN_OVER = 0.05
+PICK_UP_TIME = 0.05
 """s, starting value of the time in which a load is taken up: a fit can shorten it, but a step would have no slope."""
 
 
@@ -73,10 +73,10 @@ def make_grid(problem: Problem, state: State, point: np.ndarray, fit: Fit, fast:
     terms = (*_slow(problem), *_of_places(state), *_of_joints(problem, state), *_vectors(state), *_channels(problem))
     shifts = state.q.shape[1] or problem.joints == ENTRIES
     found = [term for term in terms if shifts or term.drive not in LINEAR_DRIVES]
-    return _at(point, found) + that_stand_out(problem, state, point, fit, fast)
+    return _at(point, found) + terms_from_residual(problem, state, point, fit, fast)
 
 
-def that_stand_out(
+def terms_from_residual(
     problem: Problem, state: State, point: np.ndarray, fit: Fit, fast: Sequence[float] = ()
 ) -> list[Term]:
     """Terms suggested by the residual of a fit: lines in time, lines in joint angles, switching. Arguments as above."""
@@ -89,7 +89,7 @@ def that_stand_out(
 def of_switches(problem: Problem, state: State, fit: Fit, names: Collection[str] = SWITCHED) -> Iterator[Term]:
     """Terms for switching on and off that the residual of a fit suggests, restricted to these names of ``SWITCHED``."""
     for name, times in switches(problem, state, fit, names):
-        takes = {"takes": TAKEN_OVER} if name == "payload" else {}
+        takes = {"takes": PICK_UP_TIME} if name == "payload" else {}
         yield from _terms(*SWITCHED[name], [{"time": times, **takes}])
 
 
@@ -187,7 +187,7 @@ def _vectors(state: State) -> Iterator[Term]:
     yield from _terms("velocity", "linear", in_sensor)
     yield from _terms("angular_velocity", "coulomb", turned, _each("speed", TURNS))
     yield from _terms("acceleration", "turning", turned)
-    swings = [{"frequency": float(frequency), "damping_ratio": damping} for frequency, damping in SWINGS]
+    swings = [{"frequency": float(frequency), "damping_ratio": damping} for frequency, damping in OSCILLATIONS]
     yield from _terms("acceleration", "swing", (FORCE,), swings)
     yield from _terms("acceleration", "trailing", (FORCE,), _each("lag", (0.03, 0.1, 0.3, 1.0)))
     yield from _terms("position", "spring", (FORCE,))

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 
 from ftbias_jax.diagnosis import thresholds
-from ftbias_jax.diagnosis.evidence.gap import Judge
+from ftbias_jax.diagnosis.evidence.gap import CrossValidation
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.diagnosis.regression.evaluate import whitened
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.regression.score_test import stand
+from ftbias_jax.diagnosis.regression.score_test import prepare_fit
 from ftbias_jax.diagnosis.search import enough, gap_of
+from ftbias_jax.diagnosis.terms.dictionary import make_dictionary, rank
 from ftbias_jax.diagnosis.terms.fit_terms import Solved, fit_terms, improve
 from ftbias_jax.diagnosis.terms.grid import of_switches
-from ftbias_jax.diagnosis.terms.library import make_library, rank
 from ftbias_jax.diagnosis.terms.select import state_of_problem
 from ftbias_jax.diagnosis.tool_first import with_tool
 from ftbias_jax.model.effects.terms.columns import added
@@ -33,20 +33,20 @@ def all_carried(problem: Problem, base: Fit) -> Problem | None:
         return None
     state = state_of_problem(problem, base)
     loads = of_switches(problem, state, base, ("payload",))
-    library = make_library(problem, state, [term for term in loads if np.min(term.parameters["time"]) > 0])
-    beside = stand(base)
-    for ranked in rank(library, beside)[:1]:
+    dictionary = make_dictionary(problem, state, [term for term in loads if np.min(term.parameters["time"]) > 0])
+    beside = prepare_fit(base)
+    for ranked in rank(dictionary, beside)[:1]:
         if not _may_be_all(problem, base, improve(problem, state, beside, (ranked.term,), steps=0)):
             return None
         load, error = _timed(problem, state, improve(problem, state, beside, (ranked.term,)))
         freed = without_touches(problem, load, error)
         start = fits.base(freed)
         least = enough(freed, start)
-        beside = stand(start)
+        beside = prepare_fit(start)
         one = improve(freed, state, beside, (load,))
         closed = gap_of(freed, start._replace(error=one.error)) <= least
         if closed and float((one.error**2).sum()) / 2 <= -with_tool(freed, start).log_likelihood:
-            unseen = Judge(freed)(fit_terms(freed, state, beside, one.terms).fit, start.error)
+            unseen = CrossValidation(freed)(fit_terms(freed, state, beside, one.terms).fit, start.error)
             return freed if gap_of(freed, start._replace(error=unseen.error)) <= least else None
     return None
 

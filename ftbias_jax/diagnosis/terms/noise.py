@@ -56,7 +56,7 @@ def noise_term(
     said = growing.nats < thresholds.NOISE_BETTER * of_speed or (of_speed and growing.form in OF_MOTION)
     if said or growing.visible < thresholds.GROWTH_VISIBLE:
         return None
-    return _told(growing, problem.durations[longest])
+    return _as_found_term(growing, problem.durations[longest])
 
 
 def _best(problem: Problem, log: Log, samples: SampleFindings, state: State, number: int) -> Growing | None:
@@ -112,7 +112,7 @@ def louder(problem: Problem, term: FoundTerm, state: State) -> Problem:
     return problem.louder(noise_variance(np, {"noise": own}, state) / np.maximum(problem.samples, 1))
 
 
-def _told(growing: Growing, duration: float) -> FoundTerm:
+def _as_found_term(growing: Growing, duration: float) -> FoundTerm:
     term = replace(make_term("noise", growing.form, "sensor", "noise"), coefficients=growing.weight[1])
     does, visible = FORM_WORDS["noise", growing.form], f"{growing.visible:.2g} times"
     text = f"noise whose variance grows {does}: it is up to {visible} as loud as where it is least"

@@ -186,7 +186,7 @@ FEW = 3
 """Number of intervals up to which they are listed one by one."""
 
 
-def spells_in_words(times: Array) -> str:
+def intervals_in_words(times: Array) -> str:
     """Intervals in words of something switched on and off alternately at the times (N,) s."""
     edges = np.ravel(times)
     lengths = np.diff(edges)[::2]

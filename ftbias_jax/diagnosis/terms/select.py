@@ -7,16 +7,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis import thresholds
-from ftbias_jax.diagnosis.evidence.gap import HeldOut, Judge, gap_removed, least_beside_joints
+from ftbias_jax.diagnosis.evidence.gap import CrossValidation, HeldOut, gap_removed, least_beside_joints
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import readings
-from ftbias_jax.diagnosis.regression.fit import Fit, compared
-from ftbias_jax.diagnosis.regression.score_test import PreparedFit, stand
+from ftbias_jax.diagnosis.regression.fit import Fit, log_likelihood_gain
+from ftbias_jax.diagnosis.regression.score_test import PreparedFit, prepare_fit
 from ftbias_jax.diagnosis.samples.bins import fill_up
 from ftbias_jax.diagnosis.search import enough, gap_of
+from ftbias_jax.diagnosis.terms.dictionary import Dictionary, Ranked, make_dictionary, merit_of, rank, times_of
 from ftbias_jax.diagnosis.terms.fit_terms import Described, Solved, fit_terms, improve
-from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, that_stand_out
-from ftbias_jax.diagnosis.terms.library import Library, Ranked, make_library, merit_of, rank, times_of
+from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, terms_from_residual
 from ftbias_jax.model.effects.terms.columns import added, columns, has_point, state_of
 from ftbias_jax.model.effects.terms.types import State, Term
 
@@ -49,18 +49,18 @@ class Step(NamedTuple):
 class Search:
     """Search for the terms of one problem; the grid is whitened once."""
 
-    def __init__(self, problem: Problem, base: Fit, hold_out: Judge, fast: Sequence[float] = ()) -> None:
+    def __init__(self, problem: Problem, base: Fit, hold_out: CrossValidation, fast: Sequence[float] = ()) -> None:
         """Whiten the grid; fast: Hz of spectral lines in the individual samples."""
         self.problem, self.base, self.hold_out = problem, base, hold_out
         self.state: State = state_of_problem(problem, base)
         theta = np.asarray(problem.parts[0].signals.model.theta)
         self.point: np.ndarray = theta[1:4] / theta[0]  # the stated centre of mass
         grid = make_grid(problem, self.state, self.point, base, fast)
-        self.library: Library = make_library(problem, self.state, grid)
+        self.dictionary: Dictionary = make_dictionary(problem, self.state, grid)
 
     def best(self, start: Fit) -> list[tuple[float, Solved]]:
         """Most promising terms, fitted together with the effects of a fit, with their merits, best first."""
-        prepared_fit = stand(start)
+        prepared_fit = prepare_fit(start)
         ranked = self.ranked(prepared_fit)
         top = ranked[0].merit if ranked else 0.0
         worth = [one for one in _of_each_drive(ranked) if one.merit > max(_worth(one.term) * top, 0.0)]
@@ -80,10 +80,10 @@ class Search:
 
     def ranked(self, prepared_fit: PreparedFit) -> list[Ranked]:
         """Grid ranked in addition to a fit, best first, with terms suggested by the spectra of its residual."""
-        ranked, start = rank(self.library, prepared_fit), prepared_fit.fit
+        ranked, start = rank(self.dictionary, prepared_fit), prepared_fit.fit
         if start is not self.base:
-            further = that_stand_out(self.problem, self.state, self.point, start)
-            ranked += rank(make_library(self.problem, self.state, further), prepared_fit)
+            further = terms_from_residual(self.problem, self.state, self.point, start)
+            ranked += rank(make_dictionary(self.problem, self.state, further), prepared_fit)
         return sorted(ranked, key=lambda one: -one.merit)
 
     def _timed(self, term: Term, prepared_fit: PreparedFit) -> Term:
@@ -92,7 +92,7 @@ class Search:
         for _ in range(2):
             times = np.maximum(float(term.parameters["time"]) + reach * np.linspace(-1, 1, FINE), 0.0)
             terms = [replace(term, parameters={**term.parameters, "time": time}, used=()) for time in times]
-            term = rank(make_library(self.problem, self.state, terms), prepared_fit)[0].term
+            term = rank(make_dictionary(self.problem, self.state, terms), prepared_fit)[0].term
             reach /= FINE / 2
         return term
 
@@ -117,9 +117,9 @@ class Search:
     ) -> Step | None:
         """Candidate fitted with all chosen terms and judged on held-out blocks; None if it fails."""
         problem, (_, one) = self.problem, found[place]
-        described = fit_terms(problem, self.state, stand(start), (*chosen, *one.terms))
+        described = fit_terms(problem, self.state, prepare_fit(start), (*chosen, *one.terms))
         gain = described.fit.log_likelihood - now.log_likelihood
-        difference, stderr = compared(problem, described.fit.error, now.error)
+        difference, stderr = log_likelihood_gain(problem, described.fit.error, now.error)
         if difference < thresholds.STEADY * stderr or _merit(gain, one.terms[0]) < thresholds.LEAST_GAIN:
             return None
         if any(cancels(term, self.state) for term in described.terms):
@@ -138,7 +138,7 @@ class Search:
         drive = best.terms[0].drive
         for other in found:
             term = other.terms[0]
-            lost, stderr = compared(self.problem, best.error, other.error)
+            lost, stderr = log_likelihood_gain(self.problem, best.error, other.error)
             close = lost < thresholds.FORM_LOSS * gain or (
                 lost < thresholds.ALIKE * stderr and lost < (1 - thresholds.CLOSE) * gain
             )

@@ -50,15 +50,15 @@ def switches(problem: Problem, state: State, fit: Fit, names: Collection[str]) -
         return
     known = problem.samples > 0
     left = np.where(known, measured(problem) - predicted(problem, fit), 0.0)
-    told: set[tuple[str, tuple[float, ...]]] = set()
+    proposed: set[tuple[str, tuple[float, ...]]] = set()
     for seen in _ways(state, left, np.where(known, 1 / problem.variance, 0.0)):
         wanted = [name for name in (seen.name, *seen.suggests) if name in names]
         for times in _suggested(state, seen) if wanted else ():
             for name in wanted:
                 # A constant force in the sensor is equivalent to a bias, so the initial state matters only for others.
                 for own in [times] if name == "sensor" else [times, _inverted(times)]:
-                    if 0 < len(own) <= MOST_TIMES and (name, tuple(own)) not in told:
-                        told.add((name, tuple(own)))
+                    if 0 < len(own) <= MOST_TIMES and (name, tuple(own)) not in proposed:
+                        proposed.add((name, tuple(own)))
                         yield name, own
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis import thresholds
-from ftbias_jax.diagnosis.evidence.gap import Judge
+from ftbias_jax.diagnosis.evidence.gap import CrossValidation
 from ftbias_jax.diagnosis.problem import Part, Problem
 from ftbias_jax.diagnosis.regression.fit import Fit, base, fit, predicted
 from ftbias_jax.diagnosis.regression.whitening import recursion
@@ -64,7 +64,7 @@ def wander_of(problem: Problem, found: Fit) -> Wander | None:
         return None
     row = np.where(wanders, 1 + np.rint(octave).astype(int), 0)
     gains = np.bincount(problem.block(thresholds.BLOCK_SECONDS), (nats[:, row, range(6)] - first[:, 0]).sum(1))
-    gain, error = gains.sum() - thresholds.NATS_PER_DEGREE * wanders.sum(), np.sqrt(len(gains)) * gains.std()
+    gain, error = gains.sum() - thresholds.PENALTY_PER_PARAMETER * wanders.sum(), np.sqrt(len(gains)) * gains.std()
     if gain < max(thresholds.LEAST_GAIN, thresholds.SURE * error):
         return None
     errors = np.where(wanders, np.log(2) * stderr * density, 0.0)
@@ -108,7 +108,7 @@ def _octaves(nats: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     From nats (U, 1 + factors, 6), the first of which belong to the stated density.
     """
     stated, *tried = nats.sum(0)
-    return *most_likely(np.array(tried)), np.max(tried, 0) - stated > thresholds.NATS_PER_DEGREE
+    return *most_likely(np.array(tried)), np.max(tried, 0) - stated > thresholds.PENALTY_PER_PARAMETER
 
 
 def _went(problem: Problem, left: list[np.ndarray], density: np.ndarray) -> np.ndarray:
@@ -129,13 +129,13 @@ def _went(problem: Problem, left: list[np.ndarray], density: np.ndarray) -> np.n
     return seen / np.maximum(expected * density**2, 1e-300)
 
 
-def is_all(wander: Wander, problem: Problem, nominal: Fit, accepted: Fit, hold_out: Judge) -> bool:
+def is_all(wander: Wander, problem: Problem, nominal: Fit, accepted: Fit, hold_out: CrossValidation) -> bool:
     """Whether no term gains much in addition to a fit of the problem with the wandering bias."""
     best = Search(problem, nominal, hold_out).best(accepted)
     return not best or best[0][0] < max(thresholds.LEAST_GAIN, thresholds.NEARLY * wander.nats)
 
 
-def told(wander: Wander, duration: float, share: float) -> FoundTerm:
+def wander_term(wander: Wander, duration: float, share: float) -> FoundTerm:
     """Term by which a wandering bias is reported, for logs of this duration in s, with its share of the gap."""
     more = wander.stderr > 0
     most = int(np.argmax(np.where(more, wander.density / np.maximum(wander.stated, 1e-300), 0)))

@@ -152,7 +152,7 @@ def predict_wrenches(
     motion = bias_filter.vibration(params.bias, speeds_of(params.arm, joints.mean[:, 1]))
     if motion is not None:
         from_joints = from_joints + bias_filter.white_share(params.bias, motion)
-    if params.effects is None and compose.BEYOND[0] not in (samples.columns or {}):
+    if params.effects is None and compose.EXTRA_WRENCH[0] not in (samples.columns or {}):
         return wrench_tool, from_joints + stated[None]
     signals = signals_of(params, jnp.swapaxes(joints.mean, 1, 2), samples)
     effects = params.effects or {}

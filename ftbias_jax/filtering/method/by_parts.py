@@ -17,7 +17,7 @@ from ftbias_jax.filtering.noise.blocks import Blocks, Layout, layout_of
 from ftbias_jax.filtering.noise.contact import in_contact, listed
 from ftbias_jax.filtering.noise.fit_noise import Noise
 from ftbias_jax.filtering.noise.joint_scatter import no_less_than_shown
-from ftbias_jax.filtering.params_for_log import MOST_SAMPLES, guard_against_lag, likeliest_density
+from ftbias_jax.filtering.params_for_log import MOST_SAMPLES, guard_against_lag, max_likelihood_density
 from ftbias_jax.filtering.pipeline import Options, State
 from ftbias_jax.filtering.samples import arrays_from_log, pad
 from ftbias_jax.io.log import Log
@@ -48,7 +48,7 @@ def filter_parts(params: Params, parts: Parts, first_q: Array, options: Options,
     if "smooth_joints" in method:
         params = params._replace(joint=no_less_than_shown(params.joint, first))
     if "fit_joint_noise" in method:
-        density = likeliest_density(params.joint, first.dt, first.q, first.dq, model=options.joint_model)
+        density = max_likelihood_density(params.joint, first.dt, first.q, first.dq, model=options.joint_model)
         params = params._replace(joint=params.joint._replace(process_density=density))
     if "guard_joints" in method:
         params = guard_against_lag(params)

@@ -63,11 +63,11 @@ def filter_samples(
             message = "is not given, and inside jax.jit, jax.vmap or jax.grad it cannot be read off the samples"
             raise UsageError(message, field="layout", remedy="give layout_of(dt) of one log")
         layout = layout_of(np.asarray(samples.dt))
-    method, told = method_for(samples, method, layout), {"options": options, "layout": layout}
+    method, fixed = method_for(samples, method, layout), {"options": options, "layout": layout}
     of_joints = tuple(name for name in method if PASSES[name] in OF_JOINTS)
-    joint, known = _know_joints(params, samples, method=of_joints, **told)
+    joint, known = _know_joints(params, samples, method=of_joints, **fixed)
     rest, what_follows = params._replace(joint=joint, effects=None), samples._replace(temperature=None, columns=None)
-    found, states, infos = _know_bias(rest, what_follows, known, method=method[len(of_joints) :], **told)
+    found, states, infos = _know_bias(rest, what_follows, known, method=method[len(of_joints) :], **fixed)
     return found._replace(effects=params.effects), states, infos
 
 

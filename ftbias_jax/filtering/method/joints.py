@@ -9,7 +9,7 @@ from ftbias_jax.filtering.fast.kalman_step import Packed
 from ftbias_jax.filtering.fast.scan import States, filter_sums
 from ftbias_jax.filtering.fast.stages import joint_inputs, joint_states, predict_wrenches, signals_of
 from ftbias_jax.filtering.method.work import Joints, Work
-from ftbias_jax.filtering.params_for_log import MOST_SAMPLES, guard_against_lag, likeliest_density
+from ftbias_jax.filtering.params_for_log import MOST_SAMPLES, guard_against_lag, max_likelihood_density
 from ftbias_jax.filtering.process_models import JOINT_MODELS
 from ftbias_jax.filtering.smoother import smooth_back
 from ftbias_jax.model.effects import compose
@@ -22,7 +22,7 @@ def fit_joint_noise(work: Work) -> Work:
     """Fit the joints' process noise by maximum likelihood to the first samples of the log."""
     params, (dt, q, dq, *_) = work.params, jax.tree.map(lambda x: x[:MOST_SAMPLES], work.samples)
     measured = jax.lax.stop_gradient((params.joint, dt, q, dq))
-    density = likeliest_density(*measured, model=work.options.joint_model)
+    density = max_likelihood_density(*measured, model=work.options.joint_model)
     return work._replace(params=params._replace(joint=params.joint._replace(process_density=density)))
 
 

@@ -23,7 +23,7 @@ from ftbias_jax.filtering.noise.blocks import (
 from ftbias_jax.filtering.noise.contact import Contact, Contacts, find_contacts, listed, slow_std
 from ftbias_jax.filtering.noise.fit_noise import Noise, fit_noise
 from ftbias_jax.filtering.noise.free_motion import is_touched_all_along
-from ftbias_jax.filtering.noise.log_noise import LogNoise, nothing, told
+from ftbias_jax.filtering.noise.log_noise import LogNoise, log_noise_from, nothing
 from ftbias_jax.filtering.noise.vibration import fit_vibration
 from ftbias_jax.filtering.params_for_log import without_useless
 from ftbias_jax.filtering.pipeline import Options, State
@@ -48,7 +48,7 @@ class InBlocks(NamedTuple):
 
 def look_at(params: Params, log: Log, options: Options) -> tuple[Blocks, LogNoise]:
     """Blocks and noise of a log, with its joints smoothed by their most likely noise; NumPy arrays."""
-    return look_in(params.bias, log_in_blocks(params, log, options))
+    return noise_of_blocks(params.bias, log_in_blocks(params, log, options))
 
 
 def log_in_blocks(params: Params, log: Log, options: Options) -> InBlocks:
@@ -61,12 +61,12 @@ def log_in_blocks(params: Params, log: Log, options: Options) -> InBlocks:
     return InBlocks(blocks, jumps, layout, len(log.t) // layout.size >= LEAST_BLOCKS)
 
 
-def look_in(bias: BiasNoise, log: InBlocks) -> tuple[Blocks, LogNoise]:
+def noise_of_blocks(bias: BiasNoise, log: InBlocks) -> tuple[Blocks, LogNoise]:
     """Blocks and noise as from ``look_at``, for a log in blocks that were made with the same noise of samples."""
     blocks, jumps, layout, enough = log
     blocks, fitted = jax.tree.map(np.asarray, noise_in(bias, blocks, jumps, layout=layout, enough=enough))
     stated = bias.correlated_std is not None
-    noise = nothing() if fitted is None else told(fitted[1], layout, slow_is_stated=stated)
+    noise = nothing() if fitted is None else log_noise_from(fitted[1], layout, slow_is_stated=stated)
     number = int(blocks.number)
     trimmed: Blocks = jax.tree.map(lambda x: x[:number], blocks._replace(number=blocks.t))
     return trimmed._replace(number=blocks.number), noise

@@ -14,9 +14,9 @@ from ftbias_jax.filtering.method.runs import Run, Steps, alone
 from ftbias_jax.filtering.method.work import Infos, States
 from ftbias_jax.filtering.noise.blocks import layout_of
 from ftbias_jax.filtering.noise.contact import Contact, in_contact
-from ftbias_jax.filtering.noise.fit_noise import without_nothing
+from ftbias_jax.filtering.noise.fit_noise import drop_zero_terms
 from ftbias_jax.filtering.noise.joint_scatter import no_less_than_shown
-from ftbias_jax.filtering.noise.log_noise import LogNoise, nothing, told
+from ftbias_jax.filtering.noise.log_noise import LogNoise, log_noise_from, nothing
 from ftbias_jax.filtering.params_for_log import without_useless, zeroed_at
 from ftbias_jax.filtering.pipeline import options_from_setup
 from ftbias_jax.filtering.result import ARRAYS, Filtered
@@ -24,7 +24,7 @@ from ftbias_jax.filtering.samples import first_position, samples_of
 from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params, params_from_setup
-from ftbias_jax.runtime.jax_config import is_wide
+from ftbias_jax.runtime.jax_config import is_float64
 from ftbias_jax.runtime.kept_programs import compiled_for_few_calls
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
@@ -35,7 +35,7 @@ MOST = 1 << 19
 """Samples of a log processed together; a longer one is processed in parts, so that memory does not grow with it."""
 
 
-class Ready(NamedTuple):
+class Prepared(NamedTuple):
     """Parameters and noise that a log was filtered with, and its results part by part; a whole log is one part."""
 
     params: Params
@@ -46,20 +46,22 @@ class Ready(NamedTuple):
 
 def ready_to_filter(
     setup: Setup, parts: Callable[[int], Iterator[Log]], length: int, first_q: Array, *, smooth: bool = False
-) -> Steps[Ready]:
+) -> Steps[Prepared]:
     """Filter a log: joints smoothed, noise of the log found; or as stated, where ``[bias] adapt = false``.
 
     ``parts``: samples per part -> the log in parts. With ``smooth`` the bias given past and future is added.
     """
     options, adapt = options_from_setup(setup), setup.bias.adapt
-    params = zeroed_at(_params_of(setup, is_wide()), setup, first_q)
+    params = zeroed_at(_params_of(setup, is_float64()), setup, first_q)
     slow = params.bias.correlated_std is not None
     first = ("fit_joint_noise",) if setup.joints.process_noise_density is None else ()
     method = (*first, *METHOD) if adapt else (*first, "guard_joints", *AS_STATED)
     if length > MOST and params.effects is None and not smooth:
         taken, found, layout, results = filter_parts(params, parts, first_q, options, method)
-        noise = nothing() if found is None else told(found, layout, slow_is_stated=slow)
-        return Ready(as_stated(taken), noise, (result_of(*part, noise.contacts if adapt else None) for part in results))
+        noise = nothing() if found is None else log_noise_from(found, layout, slow_is_stated=slow)
+        return Prepared(
+            as_stated(taken), noise, (result_of(*part, noise.contacts if adapt else None) for part in results)
+        )
     (log,) = parts(length)
     log = without_useless(log, params)
     samples = samples_of(params, log)
@@ -74,7 +76,7 @@ def ready_to_filter(
     if infos.noise is None:
         noise = nothing()
     else:
-        noise = told(infos.noise, layout, slow_is_stated=slow)
+        noise = log_noise_from(infos.noise, layout, slow_is_stated=slow)
         if max(infos.kept_out, infos.kept_out_at_first) > 1 - LEAST_USED:
             again = yield run((*method[:-1], "begin_at_median", "filter_bias", *last))
             if better := again[2].kept_out < infos.kept_out:
@@ -85,7 +87,7 @@ def ready_to_filter(
         _, smoothed, _ = yield run((*first, "smooth_joints", "filter_bias", "smooth_bias"))
         states = states._replace(bias_smooth=smoothed.bias_smooth, bias_smooth_std=smoothed.bias_smooth_std)
     noise = noise._replace(contacts=in_log_time(noise.contacts, samples.dt, log.t))
-    return Ready(as_stated(taken), noise, [result_of(log, states, infos, noise.contacts if adapt else None)])
+    return Prepared(as_stated(taken), noise, [result_of(log, states, infos, noise.contacts if adapt else None)])
 
 
 @lru_cache(maxsize=2)
@@ -96,7 +98,7 @@ def _params_of(setup: Setup, wide: bool) -> Params:
 
 def as_stated(params: Params) -> Params:
     """Parameters as JAX arrays, without noise that is zero."""
-    return jax.tree.map(jnp.asarray, params._replace(bias=without_nothing(params.bias)))
+    return jax.tree.map(jnp.asarray, params._replace(bias=drop_zero_terms(params.bias)))
 
 
 def in_log_time(contacts: Sequence[Contact], dt: Array, t: Array) -> tuple[Contact, ...]:

@@ -11,7 +11,7 @@ from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
 from ftbias_jax.filtering.noise.contact import Contacts, find_contacts, slow_std
 from ftbias_jax.filtering.noise.free_motion import hidden_bias
 from ftbias_jax.filtering.noise.scatter import HEAVY
-from ftbias_jax.filtering.noise.slow_noise import SlowNoise, coarser, fit_slow_noise
+from ftbias_jax.filtering.noise.slow_noise import SlowNoise, fit_slow_noise, join_blocks
 from ftbias_jax.filtering.noise.vibration import Vibration, fit_vibration, taken_level
 from ftbias_jax.filtering.noise.wander import fit_wander
 from ftbias_jax.model.params import BiasNoise
@@ -70,7 +70,7 @@ def fit_noise(stated: BiasNoise, blocks: Blocks, layout: Layout) -> tuple[BiasNo
     calm = ~(blocks.scatter > HEAVY * variance)  # a spike moves the mean of its block as well
     y = jnp.where(free[:, None] & calm, blocks.mean - expected(blocks.t, stated), jnp.nan)
     variance = jnp.where(jnp.isfinite(y), variance / jnp.maximum(blocks.count, 1), jnp.nan)
-    means = coarser(Means(jnp.asarray(layout.seconds, y.dtype), blocks.t, y, variance), blocks.number)
+    means = join_blocks(Means(jnp.asarray(layout.seconds, y.dtype), blocks.t, y, variance), blocks.number)
     prior_std = prior_with(stated, offset).reshape(2, 6)
 
     def innovations(slow: SlowNoise, density: Array) -> Array:
@@ -186,7 +186,7 @@ def from_median(noise: BiasNoise, found: Noise, blocks: Blocks) -> BiasNoise:
     return noise._replace(prior_mean=mean, prior_std=std)
 
 
-def without_nothing(noise: BiasNoise) -> BiasNoise:
+def drop_zero_terms(noise: BiasNoise) -> BiasNoise:
     """The noise without vibration and slow errors that are zero, as a setup states it; of NumPy or JAX arrays."""
     if noise.correlated_std is not None and not noise.correlated_std.any():
         noise = noise._replace(correlated_std=None, correlated_time=None)

@@ -52,7 +52,9 @@ def is_touched_all_along(blocks: Blocks, tool: Float[Array, "N 6"], layout: Layo
     """Whether hardly a second of a log is calm; arguments as for ``hidden_bias``."""
     seen, y, _ = _about_the_middle(blocks)
     # In a calm interval the reading itself may be steady, but not its residual once pushes elsewhere affect the fit.
-    read, left = (_loud_windows(blocks, tool, layout, x, seen) for x in (y, _beside_the_model(blocks.t, tool, y, seen)))
+    read, left = (
+        _loud_windows(blocks, tool, layout, x, seen) for x in (y, _residual_after_regression(blocks.t, tool, y, seen))
+    )
     loud, valid = read[0] & left[0], read[1]
     calm = (valid & ~loud).sum()
     return (valid.sum() >= FEWEST_WINDOWS) & (calm < jnp.maximum(1, CALM * valid.sum()))
@@ -66,7 +68,7 @@ def _about_the_middle(blocks: Blocks) -> tuple[Array, Array, Array]:
     return seen, jnp.where(seen[:, None] & jnp.isfinite(blocks.mean), blocks.mean - middle[None], 0), middle
 
 
-def _beside_the_model(
+def _residual_after_regression(
     t: Float[Array, " N"], tool: Float[Array, "N 6"], y: Float[Array, "N 6"], seen: Array
 ) -> Float[Array, "N 6"]:
     """Residual (N, 6) of y regressed on the tool's wrench and its rate: no wrong tool, gain or lag explains it."""

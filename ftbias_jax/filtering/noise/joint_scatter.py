@@ -15,7 +15,7 @@ from ftbias_jax.model.params import JointNoise, Params
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array, Sample
 
-STRETCHES, SAMPLES = 12, 128
+SEGMENTS, SAMPLES = 12, 128
 """Number of evenly spread segments of a log that are examined, and samples of each."""
 LOW, HIGH = 4, 6
 """Orders of differences: a higher order removes more of the motion, while the estimate for white noise is the same."""
@@ -69,9 +69,9 @@ def no_less_than_shown(noise: JointNoise, samples: Sample) -> JointNoise:
 
 def _spread(length: int) -> Array:
     """Rows of a log that are examined; all rows of a short one."""
-    if length <= STRETCHES * SAMPLES:
+    if length <= SEGMENTS * SAMPLES:
         return np.arange(length)
-    rows: Array = np.linspace(0, length - SAMPLES, STRETCHES).astype(int)[:, None] + np.arange(SAMPLES)
+    rows: Array = np.linspace(0, length - SAMPLES, SEGMENTS).astype(int)[:, None] + np.arange(SAMPLES)
     return rows.ravel()
 
 
@@ -169,14 +169,16 @@ def _by_rounding(values: Array) -> Array:
 def remark_of_joints(setup: Setup, params: Params) -> Repairs:
     """Remarks for the owner where the parameters of a log have more joint noise than the setup states."""
     of_pose = setup.pose is not None
-    told = []
+    repairs = []
     for key, what, shown in (
         ("position", "poses" if of_pose else "joint positions", params.joint.position_std),
         ("velocity", "rates of the pose" if of_pose else "joint velocities", params.joint.velocity_std),
     ):
         ratio = float(np.max(np.asarray(shown) / getattr(setup.joints, f"{key}_noise_std")))
         if np.max(shown) >= UNUSED:
-            told.append(f"{what} are late, of another scale, or worked out from the positions: they are not used")
+            repairs.append(f"{what} lag, have a wrong scale, or were computed from the positions: they are not used")
         elif ratio > LOUDER:
-            told.append(f"{what} scatter {ratio:.2g} times as much as the setup states: their noise is that of the log")
-    return tuple(map(Repair, told))
+            repairs.append(
+                f"{what} scatter {ratio:.2g} times as much as the setup states: their noise is that of the log"
+            )
+    return tuple(map(Repair, repairs))

@@ -16,7 +16,9 @@ MARGIN = 0.05
 """s before and after a contact that are left out with it."""
 TOUCHED = "no free motion: something touches the tool from the first to the last second, and the bias may be off"
 TARE = "do not trust it; tare with nothing at the tool, or record some seconds of free motion"
-BEGUN_AGAIN = "the gate kept out most of what follows the first readings: the bias begins at the log's median instead"
+BEGUN_AGAIN = (
+    "the gate rejected most readings after the first ones: the bias was initialised at the log's median instead"
+)
 
 
 class LogNoise(NamedTuple):
@@ -46,7 +48,7 @@ def nothing() -> LogNoise:
     return LogNoise((), None, None, np.zeros(6), np.ones(6))
 
 
-def told(found: Noise, layout: Layout, *, slow_is_stated: bool) -> LogNoise:
+def log_noise_from(found: Noise, layout: Layout, *, slow_is_stated: bool) -> LogNoise:
     """The noise found in a log, as NumPy arrays; slow errors that the setup states do not count as found."""
     contacts, slow = listed(found.contacts, found.block_times, layout), None if slow_is_stated else found.slow
     speed = np.inf if found.vibration.speed is None else float(found.vibration.speed)
@@ -87,16 +89,18 @@ def describe(noise: LogNoise) -> list[str]:
 
 def by_axis(values: Array, shown: Array | None = None, digits: int = 2) -> str:
     """Names and values (6,) of the axes that are shown, None = all."""
-    told = np.ones(6, bool) if shown is None else shown
-    return " ".join(f"{name} {x:.{digits}g}" for name, x, is_shown in zip(AXES, values, told, strict=True) if is_shown)
+    noticed = np.ones(6, bool) if shown is None else shown
+    return " ".join(
+        f"{name} {x:.{digits}g}" for name, x, is_shown in zip(AXES, values, noticed, strict=True) if is_shown
+    )
 
 
 def remarks_of_noise(noise: LogNoise) -> Repairs:
     """Remarks for the owner: no free motion, or a gate that rejected most of the log; () as a rule."""
-    told = (Repair(BEGUN_AGAIN),) if noise.begun_again else ()
+    repairs = (Repair(BEGUN_AGAIN),) if noise.begun_again else ()
     if noise.hidden.any():
-        return (*told, Repair(f"{TOUCHED}, by {by_axis(noise.hidden)} N, Nm: {TARE}", lost=True))
+        return (*repairs, Repair(f"{TOUCHED}, by {by_axis(noise.hidden)} N, Nm: {TARE}", lost=True))
     if not noise.kept_out:
-        return told
-    what = f"the gate keeps out {noise.kept_out:.0%} of the log, wherever the bias begins: do not trust the bias"
-    return (*told, Repair(f"{what}, and look for the cause by ftbias diagnose", lost=True))
+        return repairs
+    what = f"the gate keeps out {noise.kept_out:.0%} of the log, for any initial bias: do not trust the bias"
+    return (*repairs, Repair(f"{what}, and look for the cause by ftbias diagnose", lost=True))

@@ -88,7 +88,7 @@ def nats_of(v: Float[Array, "N G 6"], s: Float[Array, "N G 6"]) -> Float[Array, 
     return -jnp.where(seen, jnp.log(jnp.where(seen, s, 1)) + jnp.where(seen, v, 0) ** 2 / s, 0).sum(0) / 2
 
 
-def coarser(means: Means, number: Array) -> Means:
+def join_blocks(means: Means, number: Array) -> Means:
     """Join neighbouring blocks until there are at most MOST_BLOCKS; ``number`` () of them belong to the log."""
     if len(means.t) <= MOST_BLOCKS:
         return means

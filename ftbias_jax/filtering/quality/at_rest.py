@@ -24,7 +24,7 @@ PART, MOST_ROWS = 1 << 16, 2000
 """Samples of a log read at once, and maximum number of them that are examined."""
 HEAVIEST = (100.0, 10.0)
 """N, Nm: possible weight of a tool of unknown mass, as prior standard deviation of the bias."""
-TOLD = 1e-6
+LEAST_WEIGHT_CHANGE = 1e-6
 """N, smallest change of the weight of a kilogram that is reported."""
 RESTS = 0.01
 """rad (m): joints that move less make no acceleration worth reporting."""
@@ -64,7 +64,7 @@ def weight_in_bias(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> tuple
     keys = " and ".join(f"tool.{key}" for key in setup.tool.unknown)
     what = f"{keys} not stated, but the sensor turns by only {_degrees(motion.turn)} degrees: "
     what += "the tool's weight is taken as part of the bias"
-    if motion.most > TOLD:
+    if motion.most > LEAST_WEIGHT_CHANGE:
         what += f", and each kilogram leaves up to {motion.most:.2g} N in the corrected wrench"
     moves = "; so do its accelerations" if motion.travel > RESTS else ""
     wide = np.hypot(setup.bias.initial_std, np.repeat(HEAVIEST, 3))
@@ -82,12 +82,12 @@ def rest_in_words(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> str:
     """What a log that does not turn the sensor can show; "" if it turns it. Arguments as for ``weight_in_bias``."""
     motion = motion_of(setup, parts)
     if motion.rests:
-        return f"at rest: bias and noise show, nothing else ({TURN_IT})"
+        return f"at rest: only bias and noise can be estimated ({TURN_IT})"
     if motion.turn > LEAST_TURN:
         return ""
     return (
-        f"the sensor turns by only {_degrees(motion.turn)} degrees: bias and noise show; signs, units, frames and the "
-        f"tool do not ({TURN_IT})"
+        f"the sensor turns by only {_degrees(motion.turn)} degrees: only bias and noise can be estimated, "
+        f"and signs, units, frames and the tool cannot be checked ({TURN_IT})"
     )
 
 
@@ -98,7 +98,7 @@ def require_motion(setup: Setup, log: Log, file: str = "") -> None:
         LogError: the arm stands still.
     """
     if motion_of(setup, slices(log)).rests:
-        message = "is of an arm at rest: bias and noise show, nothing of the tool"
+        message = "is of an arm at rest: only bias and noise can be estimated, nothing of the tool"
         raise LogError(message, file=file, field="q", remedy=TURN_IT)
 
 

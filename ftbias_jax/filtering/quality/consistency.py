@@ -81,7 +81,7 @@ def check(innovation: Array, nis_of_axes: Array) -> Consistency:
 def verdict(result: Consistency) -> str:
     """One sentence that summarises a check."""
     nis = result.nis
-    inside = f"NIS per axis {nis.value:.3f}, 95 % of right models lie in {nis.low:.3f} to {nis.high:.3f}"
+    inside = f"NIS per axis {nis.value:.3f}, 95 % interval for a correct model: {nis.low:.3f} to {nis.high:.3f}"
     if not np.isfinite(result.lag_one).any():
         return f"not judged, because the log has too few samples: {inside}"
     correlated = np.nanmax(np.abs(result.lag_one) / result.lag_one_bound)
@@ -90,7 +90,7 @@ def verdict(result: Consistency) -> str:
     if nis.value < nis.low:
         return f"underconfident: {inside}; the noise is overstated (ftbias tune)"
     if correlated > 3:
-        return f"right size but not white: {inside}; neighbouring innovations are correlated"
+        return f"NIS consistent, but innovations are not white: {inside}; neighbouring innovations are correlated"
     return f"consistent: {inside}"
 
 

@@ -113,4 +113,4 @@ def remark_of_model(setup: Setup) -> Repairs:
     if of_effects is not None and of_effects.any():
         words = " ".join(f"{x:.2g}" for x in of_effects)
         remarks.append(f"of the effects: standard errors of {words} N, Nm in the reading")
-    return tuple(Repair(f"the error bars contain what is not known {remark}") for remark in remarks)
+    return tuple(Repair(f"the error bars include the uncertainty {remark}") for remark in remarks)

@@ -23,7 +23,7 @@ MAINS = (50.0, 60.0)
 """Hz, frequencies of the mains."""
 LEAST_SEEN = 0.5
 """Minimum share of the samples of an axis that must be measured."""
-MOST_TOLD = 6
+MAX_LISTED = 6
 """Maximum number of peaks that are reported."""
 
 
@@ -82,14 +82,14 @@ def find_lines(t: Array, innovation: Array) -> list[Line]:
 def format_lines(lines: list[Line]) -> str:
     """Lines of text about the MOST_TOLD strongest peaks, of ``find_lines``."""
     text = []
-    for line in lines[:MOST_TOLD]:
+    for line in lines[:MAX_LISTED]:
         sizes = zip(AXES, line.amplitude, strict=True)
         words = ", ".join(f"{name} {x:.2g} {'N' if name[0] == 'f' else 'Nm'}" for name, x in sizes if x)
         what = "tone" if line.sharp else f"resonance or moving tone, {line.width:.2g} Hz wide"
         cause = f": a multiple of {line.mains:.0f} Hz, as mains hum is, or joint readings at that rate"
         text.append(f"{what} at {line.frequency:.1f} Hz ({words}){cause if line.mains else ''}")
-    if len(lines) > MOST_TOLD:
-        text.append(f"and {len(lines) - MOST_TOLD} weaker ones")
+    if len(lines) > MAX_LISTED:
+        text.append(f"and {len(lines) - MAX_LISTED} weaker ones")
     return "\n".join(text)
 
 

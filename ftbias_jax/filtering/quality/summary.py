@@ -159,9 +159,11 @@ def _gate_lines(summary: Summary) -> list[str]:
     if summary.off > MODEL_OFF * summary.samples:
         force, torque = (np.sqrt(np.nansum(x**2)) for x in (summary.off_rms[:3], summary.off_rms[3:]))
         share = f"{summary.off} samples ({summary.off / summary.samples:.0%}) outside of contact"
-        return [f"{share} did not pass the gate: the model is off by {force:.2g} N, {torque:.2g} Nm; ftbias diagnose"]
+        return [
+            f"{share} were rejected by the gate: the model is off by {force:.2g} N, {torque:.2g} Nm; ftbias diagnose"
+        ]
     if summary.gated:
-        return [f"{summary.gated} samples ({summary.gated / summary.samples:.2%}) did not pass the gate: contact?"]
+        return [f"{summary.gated} samples ({summary.gated / summary.samples:.2%}) were rejected by the gate: contact?"]
     if summary.far:
         line = f"{summary.far} samples are far off their prediction: contact? --gate 5 keeps them out of the bias"
         return [line + ("; or a wrong setup? ftbias diagnose" if summary.far > summary.samples / 4 else "")]

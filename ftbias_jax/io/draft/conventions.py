@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.draft.evidence import Weighed, weigh
+from ftbias_jax.io.draft.evidence import ToolEstimate, weigh
 from ftbias_jax.io.draft.robot import Keys
 from ftbias_jax.io.draft.table import Table
 from ftbias_jax.io.log import Log
@@ -34,12 +34,12 @@ Read = Callable[[Keys], tuple[Setup, Log]]
 """Reads the log with further keys."""
 
 
-def best_reading(ways: Iterator[Keys], read: Read) -> tuple[Keys, Weighed] | None:
+def best_reading(ways: Iterator[Keys], read: Read) -> tuple[Keys, ToolEstimate] | None:
     """Convention with the smallest force residual, and the tool it shows; the usual one unless another is much better.
 
     None if no convention lets the motion show the tool's weight.
     """
-    best: tuple[Keys, Weighed] | None = None
+    best: tuple[Keys, ToolEstimate] | None = None
     for keys in ways:
         try:
             setup, log = read(keys)
@@ -114,7 +114,11 @@ def gyroscope(read: Read) -> Keys:
         return {}
     if alike > ALIKE and 1 / NEAR < ratio * np.pi / 180 < NEAR:
         return {"log.angle_unit": Known("deg", "because the gyroscope is 57 times the rate of the orientation")}
-    words = f"it is {ratio:.2g} times the rate of the orientation" if alike > ALIKE else "it is another rate"
+    words = (
+        f"it is {ratio:.2g} times the rate of the orientation"
+        if alike > ALIKE
+        else "it does not follow the rate of the orientation"
+    )
     return {"sensor_pose.gyroscope": Known(False, words)}
 
 

@@ -63,7 +63,7 @@ def from_table(table: DhTable) -> Keys:
     path, convention, units = table
     if not convention:
         remedy = f"say {' or '.join(CONVENTIONS)}, as the source of the table does: the same numbers mean two robots"
-        raise UsageError("a Denavit-Hartenberg table has a convention", field="--dh-convention", remedy=remedy)
+        raise UsageError("the Denavit-Hartenberg convention is not stated", field="--dh-convention", remedy=remedy)
     columns, stated, lines = _columns(_lines(path), path)
     cells = [{name: _cell(line[i], f"{name} of row {n}", path) for name, i in columns.items() if name in ORDER}
              for n, line in enumerate(lines, 1)]  # fmt: skip

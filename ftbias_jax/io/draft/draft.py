@@ -15,7 +15,7 @@ from ftbias_jax.io import read_recorded
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.draft.conventions import Read, accelerometer, best_reading, gyroscope, position_axes, ways_of
 from ftbias_jax.io.draft.dh_table import DhTable, from_table
-from ftbias_jax.io.draft.evidence import Weighed, quietest_noise, scatter_in_motion, tool_keys, weigh
+from ftbias_jax.io.draft.evidence import ToolEstimate, quietest_noise, scatter_in_motion, tool_keys, weigh
 from ftbias_jax.io.draft.robot import (
     Keys,
     built_in,
@@ -240,7 +240,7 @@ def _of_tables(tables: Sequence[Table]) -> Keys:
     return keys
 
 
-def _of_motion(tables: Sequence[Table], body: Table, weighed: Weighed | None, read: Read) -> Keys:
+def _of_motion(tables: Sequence[Table], body: Table, weighed: ToolEstimate | None, read: Read) -> Keys:
     """Keys for the source of the acceleration, and for whether a gyroscope is credible."""
     keys = gyroscope(read) if any("gyroscope" in table.has for table in tables) else {}
     imu = next((table for table in tables if table.accelerometer is not None), None)

@@ -44,7 +44,7 @@ SAME = 1.3
 of a cubic grows with the fourth power of the length; noise, even if smoothed by a filter, hardly changes."""
 
 
-class Weighed(NamedTuple):
+class ToolEstimate(NamedTuple):
     """Mass and centre of mass of a tool, estimated from a log in which gravity turns in the sensor frame."""
 
     mass: float
@@ -78,7 +78,7 @@ class Weighed(NamedTuple):
 
 def weigh(
     t: Array, rotations: Array, gravity: Array, wrench: Array, rezeroed_at: Sequence[float] = ()
-) -> Weighed | None:
+) -> ToolEstimate | None:
     """Estimate the tool's mass and centre of mass by least squares, as if all samples were at rest, rejecting outliers.
 
     Args:
@@ -122,7 +122,7 @@ def weigh(
     center = moment / mass
     center_stderr = np.minimum(np.hypot(moment_stderr, center * stderr) / abs(mass), MOST_OPEN)
     turn = 2 * np.arcsin(min(1.0, np.ptp(support[kept], axis=0).max() / 2 / np.linalg.norm(gravity)))
-    return Weighed(float(mass), center, float(stderr), center_stderr, residual, float(turn))
+    return ToolEstimate(float(mass), center, float(stderr), center_stderr, residual, float(turn))
 
 
 def _about_means(values: Array, piece: Array) -> Array:
@@ -146,7 +146,7 @@ def _first_moment(support: Array, torque: Array, count: float) -> tuple[Array, A
     return moment, np.sqrt(variance * np.diag(np.linalg.inv(columns.T @ columns + pull)))
 
 
-def tool_keys(found: Weighed | None, is_stated: bool) -> tuple[Keys, list[str]]:
+def tool_keys(found: ToolEstimate | None, is_stated: bool) -> tuple[Keys, list[str]]:
     """Keys of a setup for the tool, and lines for the user; ``found`` None = the log does not turn the sensor.
 
     If the setup states the tool's mass, a missing weight is left to ``check``.

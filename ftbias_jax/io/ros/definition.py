@@ -120,7 +120,7 @@ def smallest(types: Types, name: str, known: dict[str, int] | None = None, depth
     if name in known:
         return known
     if depth > MAX_DEPTH:
-        raise MessageError("has a definition with types within types without end")
+        raise MessageError("has a recursive definition, or types nested too deeply")
     if name not in types:
         raise MessageError(f"has a definition that lacks the type {name[:80]!r}")
     least = 0

@@ -63,7 +63,7 @@ def _from_root(links: Mapping[str, Stream], frame: str, file: str) -> list[Strea
     chain: list[Stream] = []
     while frame in links:
         if links[frame] in chain:
-            raise LogError("the frames of TF go in a circle", file=file, field="sensor_pose", remedy="mend TF")
+            raise LogError("the TF frames form a cycle", file=file, field="sensor_pose", remedy="mend TF")
         chain.insert(0, links[frame])
         frame = links[frame].names[0]
     return chain

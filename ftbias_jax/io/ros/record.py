@@ -38,7 +38,7 @@ PACKED = ".zstd"  # suffix of a file that rosbag2 compressed as a whole
 
 DESCRIPTION = "robot_description"
 """End of the name of the topic on which ROS 2 publishes the URDF."""
-MAX_TOLD = 20  # damaged places that are listed one by one
+MAX_REPORTED = 20  # damaged places that are listed one by one
 
 _COPY = 1 << 20
 
@@ -212,7 +212,7 @@ def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, wante
         if not salvage:
             raise LogError(what, file=file, remedy="--salvage reads what is whole")
         places += 1
-        if places <= MAX_TOLD:
+        if places <= MAX_REPORTED:
             damage.append(what)
 
     streams = Collector(wanted)
@@ -234,8 +234,8 @@ def read_recording(path: str | os.PathLike[str], *, salvage: bool = False, wante
         raise LogError(f"cannot be read: {error.strerror or error}", file=file, remedy="check the path") from error
     except LogError as error:  # from a part, or for a missing package: report the whole recording
         raise LogError(error.message, file=file, field=error.field, remedy=error.remedy) from error
-    if places > MAX_TOLD:
-        damage.append(f"{places - MAX_TOLD} more places are damaged")
+    if places > MAX_REPORTED:
+        damage.append(f"{places - MAX_REPORTED} more places are damaged")
     topics = tuple(Topic(*topic, count) for topic, count in counts.items())
     return Recording(streams.finish(), topics, tuple(damage), description)
 

@@ -103,8 +103,8 @@ def _some(rows: Array, windows: int) -> Array:
 def _interpolated(bends: _Bends) -> bool:
     """Whether the rows of a table lie on straight lines between readings."""
     windows = bends.bent[: len(bends.bent) // WINDOW * WINDOW].reshape(-1, WINDOW)
-    tells = np.repeat(windows.sum(1) >= FEWEST[0], WINDOW)
-    size, bent, changes = (x[: len(tells)][tells] for x in (bends.size, bends.bent, bends.changes))
+    informative = np.repeat(windows.sum(1) >= FEWEST[0], WINDOW)
+    size, bent, changes = (x[: len(informative)][informative] for x in (bends.size, bends.bent, bends.changes))
     apart = np.diff(np.flatnonzero(bent[1:] & ~bent[:-1]))  # rows between the beginnings of bends
     if bent.sum() < FEWEST[1] or (~bent).mean() < STRAIGHT or not len(apart):
         return False

@@ -153,7 +153,7 @@ def steady(t: Array, readings: Array) -> Steady:
 
 def _judged(clock: Array, t: Array, readings: Array, least: float) -> Steady | None:
     """A clock (T,) s with its gain over the stamps t (T,) s; None if both agree to ``least`` s in every window."""
-    windows = _telling(readings, t - clock, least)
+    windows = _informative_windows(readings, t - clock, least)
     if not windows.size:
         return None
     smoother = np.log(_roughness(t, readings, windows) / _roughness(clock, readings, windows)).sum()
@@ -194,7 +194,7 @@ def _latest(t: Array, count: Array, period: float) -> Array:
     return np.minimum.accumulate((t - line)[::-1])[::-1] + line
 
 
-def _telling(readings: Array, off: Array, least: float) -> Array:
+def _informative_windows(readings: Array, off: Array, least: float) -> Array:
     """(K, WINDOW) samples of windows in which ``off`` (T,) s varies by over ``least`` s and a column changes most."""
     samples = np.arange(len(off) // WINDOW * WINDOW).reshape(-1, WINDOW)
     samples = samples[np.ptp(off[samples], axis=1) > least]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.check import FURTHER, Part, check_log, further_columns, log_of_parts, on_one_clock
+from ftbias_jax.io.check import EXTRA_PREFIX, Part, check_log, further_columns, log_of_parts, on_one_clock
 from ftbias_jax.io.log import Log, Repairs
 from ftbias_jax.io.stamps.clock import as_stamps, on_right_clock, put_in_order, rows_at_rate, stamps_of
 from ftbias_jax.io.tables.array_files import load_arrays, load_hdf5, shapes_of_arrays, shapes_of_hdf5
@@ -92,7 +92,7 @@ def log_from_arrays(arrays: Mapping[str, Array], setup: Setup, file: str = "") -
     states log.rate needs no stamps. Further columns (T,) have the stamps t, or else those of the wrench or the joints.
     """
     log = _merged(arrays, setup, file)
-    further = {name: values for name, values in arrays.items() if name.startswith(FURTHER)}
+    further = {name: values for name, values in arrays.items() if name.startswith(EXTRA_PREFIX)}
     if not further:
         return log
     counted = rows_at_rate(next(iter(further.values())), setup.log)
@@ -110,7 +110,7 @@ def _merged(arrays: Mapping[str, Array], setup: Setup, file: str) -> Log:
     times = {name: stamps_of(arrays[name], setup.log) for name in STAMPS if name in arrays} if counted is None else {}
     if counted is not None or "t" in times:
         if len(times) > 1:
-            message = "stands beside t_joints or t_wrench"
+            message = "is given together with t_joints or t_wrench"
             raise LogError(message, file=file, field="t", remedy="keep t, or the stamps of the two streams")
         t = times["t"] if counted is None else counted
         if setup.log.one_clock:

@@ -48,10 +48,10 @@ def stamps_by_stream(
     for stream, parts in STREAMS.items():
         for name in (name for part in parts for name in used.get(part, ())):
             if name not in clocks:
-                raise LogError("which stamps it has does not show", file=file, field=name, remedy=_REMEDY)
+                raise LogError("cannot determine which stamps belong to it", file=file, field=name, remedy=_REMEDY)
             t = arrays[clocks[name]]
             if not np.array_equal(np.asarray(found.setdefault(stream, t)), np.asarray(t)):
-                message = f"has other stamps, {clocks[name]}, than what belongs to it"
+                message = f"has other stamps, {clocks[name]}, than the other arrays of its stream"
                 raise LogError(message, file=file, field=name, remedy=_REMEDY)
     first = next(iter(found.values()))
     return {"t": first} if all(np.array_equal(t, first) for t in found.values()) else found

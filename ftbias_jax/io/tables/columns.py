@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.check import FURTHER
+from ftbias_jax.io.check import EXTRA_PREFIX
 from ftbias_jax.io.tables.headers import FIXED, Match, Names, matches, some
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.keys.table import further_columns
@@ -64,7 +64,7 @@ def named_columns(header: Sequence[str], setup: Setup, file: str = "") -> Column
     found: Columns = {}
     for key, name in further_columns(setup.log.columns).items():
         if name in header:
-            found[f"{FURTHER}{key}"] = (name,)
+            found[f"{EXTRA_PREFIX}{key}"] = (name,)
         elif not setup.log.files:
             message = "log.columns of the setup names this column, but it is not there"
             raise LogError(message, file=file, field=name, remedy=nearest(name, header))

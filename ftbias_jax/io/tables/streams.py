@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.check import FURTHER, Part, further_columns, log_of_parts
+from ftbias_jax.io.check import EXTRA_PREFIX, Part, further_columns, log_of_parts
 from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.remote import check_links, check_patterns, exists, is_url, opened
 from ftbias_jax.io.ros.choose import choose, refuse_columns, wanted_of
@@ -60,7 +60,7 @@ def read_files(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fa
             repairs += mended
     if len({t.dtype.kind for t, _ in parts}) > 1:
         parts = [(t * 1e-9 if t.dtype.kind == "i" else t, arrays) for t, arrays in parts]
-    streams = [(t, arrays) for t, arrays in parts if not any(name.startswith(FURTHER) for name in arrays)]
+    streams = [(t, arrays) for t, arrays in parts if not any(name.startswith(EXTRA_PREFIX) for name in arrays)]
     log = further_columns(parts, log_of_parts(streams, setup, tuple(repairs), file), setup, file)
     for key, name in named.items():
         if key not in log.columns:
@@ -90,7 +90,7 @@ def read_stream(
     counted = rows_at_rate(next(values for name, values in found.items() if name != "t"), setup.log)
     recorded = found.pop("t", None)
     t = stamps_of(recorded, setup.log) if counted is None else counted
-    further = {name: found.pop(name) for name in [*found] if name.startswith(FURTHER)}
+    further = {name: found.pop(name) for name in [*found] if name.startswith(EXTRA_PREFIX)}
     ordered = put_in_order(t, found, f"samples of {Path(file).name}", file=file)
     parts: list[Part] = [(ordered.t, {name: np.asarray(values) for name, values in ordered.columns.items()})]
     return parts + ([(as_stamps(t, file=file), further)] if further else []), ordered.repairs
@@ -145,7 +145,7 @@ def files_of(path: str | os.PathLike[str], patterns: Mapping[str, str]) -> dict[
     found = list(_readings(os.fspath(path).rstrip("/" + os.sep), patterns))
     if not found:
         remedy = f"give a log whose name fits one of {', '.join(patterns.values())}"
-        raise LogError("is none of the files that log.files of the setup names", file=path, remedy=remedy)
+        raise LogError("does not match log.files of the setup", file=path, remedy=remedy)
     # A name may fit several patterns, such as "*.csv" and "*_wrench.csv": take the one whose files exist.
     return next((files for files in found if all(map(exists, files.values()))), found[0])
 

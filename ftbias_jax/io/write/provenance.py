@@ -15,7 +15,7 @@ from ftbias_jax.errors import LogError
 from ftbias_jax.files import no_regular_file
 from ftbias_jax.io.health import sample_rate
 from ftbias_jax.io.log import Log
-from ftbias_jax.io.remote import exists, is_url, shown, sum_of
+from ftbias_jax.io.remote import exists, is_url, sha256_of_url, without_credentials
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.io.tables.streams import inputs_of
 from ftbias_jax.setup.dump import dump_setup
@@ -96,7 +96,7 @@ def sha256_of(path: str) -> str | None:
     """
     try:
         if is_url(path):
-            return sum_of(path)
+            return sha256_of_url(path)
         if os.path.isdir(path):
             files = sorted(file for file in Path(path).iterdir() if file.is_file() and not no_regular_file(file))
             return _sum_of_sums(map(os.fspath, files))
@@ -119,7 +119,7 @@ def _sum_of_sums(files: Iterable[str]) -> str:
 
 
 def _of_file(path: str) -> dict[str, Any]:
-    name = shown(path) if is_url(path) else os.path.basename(os.path.normpath(path))
+    name = without_credentials(path) if is_url(path) else os.path.basename(os.path.normpath(path))
     return {"name": name, "sha256": sha256_of(path)}
 
 

@@ -46,16 +46,16 @@ def variance_of_terms(signals: Signals, values: Values, reading: Array) -> Array
     return term_noise(jnp, terms, state_of(jnp, signals, reading)) if terms else jnp.zeros_like(reading)
 
 
-BEYOND = tuple(f"beyond_{axis}" for axis in ("fx", "fy", "fz", "tx", "ty", "tz"))
+EXTRA_WRENCH = tuple(f"beyond_{axis}" for axis in ("fx", "fy", "fz", "tx", "ty", "tz"))
 """Columns of a log with the wrench, N and Nm, that a user's own simulator adds to that of the nominal tool."""
 
 
 def tool_wrenches(signals: Signals) -> Array:
     """Wrench of the tool, D theta (T, 6) N, Nm, for the motion and model of ``signals``, plus the columns BEYOND it."""
     wrench = wrenches_in_motion(signals.model.gravity, signals.model.theta, motion_of(signals))
-    if BEYOND[0] not in signals.columns:
+    if EXTRA_WRENCH[0] not in signals.columns:
         return wrench
-    return wrench + jnp.stack([signals.columns[name] for name in BEYOND], 1)
+    return wrench + jnp.stack([signals.columns[name] for name in EXTRA_WRENCH], 1)
 
 
 def transform(signals: Signals, values: Values, catalogue: Mapping[str, Effect] | None = None) -> Signals:

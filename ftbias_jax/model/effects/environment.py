@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.model.effects.fitting import INVERSE, LOGARITHM, Coordinate, Fitting, Pull, Ringing, Touches
-from ftbias_jax.model.effects.responses import rung, swing_forgets
+from ftbias_jax.model.effects.responses import decay_time, rung
 from ftbias_jax.model.effects.statements import amount, events
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin, motion_of, within
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
@@ -92,7 +92,7 @@ FLEXIBILITY = (
         "the tool or its mounting swings at one frequency after accelerations",
         "tighten or stiffen the tool, or move more smoothly",
         reading=tool_flexibility,
-        forgets=lambda values: swing_forgets(values["frequency"], values["damping_ratio"]),
+        forgets=lambda values: decay_time(values["frequency"], values["damping_ratio"]),
         needs_motion="acceleration",
         fit=Fitting(Ringing(), any_shape=True),
         twins=(

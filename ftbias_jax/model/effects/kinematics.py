@@ -129,7 +129,7 @@ EFFECTS = (
         needs_motion="acceleration",
         fit=Fitting(Linear(), unmeasured=lambda setup: not setup.sensor.translation.any()),
         twins=(
-            Twin("none", False, "turn the wrist fast: at rest nobody sees where the origin is"),
+            Twin("none", False, "rotate the wrist fast: at rest the origin is unobservable"),
             Twin(
                 "tool_com",
                 False,

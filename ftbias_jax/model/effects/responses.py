@@ -31,10 +31,10 @@ def lagged(t: Array, signal: Array, cutoff: Array, order: Array | int = FIRST) -
     if isinstance(order, int) and order == FIRST:
         return signal + lag
     slope = _slopes(t, signal)
-    rigid, w, cosine, sine = _swing_factors(jnp.diff(t), cutoff, BUTTERWORTH)
+    rigid, w, cosine, sine = _oscillator_factors(jnp.diff(t), cutoff, BUTTERWORTH)
     behind = 2 * BUTTERWORTH / w
     kick = -jnp.diff(slope, axis=0, prepend=jnp.zeros_like(slope[:1]))
-    deviation = _ring(w, jnp.full_like(w, BUTTERWORTH), behind, cosine, sine, kick) - behind * slope
+    deviation = _oscillator(w, jnp.full_like(w, BUTTERWORTH), behind, cosine, sine, kick) - behind * slope
     second = jnp.where(rigid, 0, jnp.concatenate([jnp.zeros_like(signal[:1]), deviation]))
     return signal + jnp.where(jnp.asarray(order) > (FIRST + SECOND) / 2, second, lag)
 
@@ -67,10 +67,10 @@ def rung(t: Array, signal: Array, frequency: Array, damping_ratio: Array) -> Arr
     in Hz, and inf passes everything; the damping ratio is from 0 to below 1.
     """
     slope = _slopes(t, signal)
-    rigid, w, cosine, sine = _swing_factors(jnp.diff(t), frequency, damping_ratio)
+    rigid, w, cosine, sine = _oscillator_factors(jnp.diff(t), frequency, damping_ratio)
     # A kick acts at the start of each interval but the first, whose slope is assumed to have existed before.
     kick = -jnp.diff(slope, axis=0, prepend=slope[:1])
-    deviation = _ring(w, damping_ratio, jnp.zeros_like(w), cosine, sine, kick)
+    deviation = _oscillator(w, damping_ratio, jnp.zeros_like(w), cosine, sine, kick)
     return signal + jnp.where(rigid, 0, jnp.concatenate([jnp.zeros_like(signal[:1]), deviation]))
 
 
@@ -80,21 +80,21 @@ def _slopes(t: Array, signal: Array) -> Array:
     return jnp.diff(signal, axis=0) / jnp.where(dt > 0, dt, jnp.inf)[:, None]
 
 
-def _swing_factors(dt: Array, frequency: Array, damping_ratio: Any) -> tuple[Array, Array, Array, Array]:
-    """Whether a frequency in Hz is infinite; the frequency in rad/s, of 1 Hz if so; and ``swing_factors``."""
+def _oscillator_factors(dt: Array, frequency: Array, damping_ratio: Any) -> tuple[Array, Array, Array, Array]:
+    """Whether a frequency in Hz is infinite; the frequency in rad/s, of 1 Hz if so; and ``oscillator_factors``."""
     rigid = ~jnp.isfinite(frequency)
     w = 2 * jnp.pi * jnp.where(rigid, 1, frequency)
-    return rigid, w, *swing_factors(dt, w, damping_ratio)
+    return rigid, w, *oscillator_factors(dt, w, damping_ratio)
 
 
-def swing_factors(dt: Array, w: Array, damping_ratio: Any) -> tuple[Array, Array]:
-    """Damped cosine, and damped sine per damped frequency, s, over steps dt (...,) s for ``swing_on``; NumPy or JAX."""
+def oscillator_factors(dt: Array, w: Array, damping_ratio: Any) -> tuple[Array, Array]:
+    """Damped cosine, and damped sine per damped frequency, s, over steps dt (...,) s for ``oscillator_step``."""
     xp, damped = dt.__array_namespace__(), w * (1 - damping_ratio**2) ** 0.5
     envelope = xp.exp(-damping_ratio * w * dt)
     return envelope * xp.cos(damped * dt), envelope * xp.sin(damped * dt) / damped
 
 
-def swing_on(
+def oscillator_step(
     deviation: Array, rate: Array, w: Array, damping_ratio: Any, cosine: Array, sine: Array
 ) -> tuple[Array, Array]:
     """Deviation and rate of a free damped oscillation one step later; w is the undamped frequency, rad/s."""
@@ -105,7 +105,7 @@ def swing_on(
 
 
 @compile_whole
-def _ring(w: Array, damping_ratio: Any, behind: Array, cosine: Array, sine: Array, kick: Array) -> Array:
+def _oscillator(w: Array, damping_ratio: Any, behind: Array, cosine: Array, sine: Array, kick: Array) -> Array:
     """Deviation (T, k) at the end of every interval, for kicks (T, k) at their starts; cosine, sine (T,).
 
     A kick is added to the rate, and ``behind`` () s times it is subtracted from the deviation.
@@ -113,7 +113,7 @@ def _ring(w: Array, damping_ratio: Any, behind: Array, cosine: Array, sine: Arra
 
     def body(state: tuple[Array, Array], inputs: tuple[Array, ...]) -> tuple[tuple[Array, Array], Array]:
         (deviation, rate), (cosine, sine, kick) = state, inputs
-        state = swing_on(deviation - behind * kick, rate + kick, w, damping_ratio, cosine, sine)
+        state = oscillator_step(deviation - behind * kick, rate + kick, w, damping_ratio, cosine, sine)
         return state, state[0]
 
     zero = jnp.zeros_like(kick[0])
@@ -148,7 +148,7 @@ def delayed(t: Array, signal: Array, delay: Array) -> Array:
     return (1 - share) * signal[before] + share * signal[before + 1]
 
 
-def swing_forgets(frequency: Array, damping_ratio: Array) -> Array:
+def decay_time(frequency: Array, damping_ratio: Array) -> Array:
     """Time constant () s with which an oscillation of this undamped frequency, Hz, and damping ratio decays."""
     return 1 / (2 * np.pi * frequency * damping_ratio)
 

@@ -181,7 +181,7 @@ DELAY = (
                 **within((), -1, 2, 0, 0.01, optional=True, starts=_OFFSETS),
             ),
         ),
-        "the stamps of wrench and joint states are of clocks that run at different rates",
+        "the clocks that stamp wrench and joint states run at different rates",
         "stamp both streams with one clock, or state wrench_rate in [log.clocks]",
         reading=clock_drift,
         fit=Fitting(Grid(), form_error=0.005, extends="time_delay"),

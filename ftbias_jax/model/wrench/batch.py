@@ -179,10 +179,10 @@ def _backward(residual: tuple[Model, Joints], bars: tuple[Array, ...]) -> tuple[
         bars = bars[:1]
     constants, length = (chain_of(model.arm), model.gravity, model.theta), len(entries[0])
     pieces = jax.tree.map(partial(_in_pieces, _lanes(length)), (entries, bars))
-    joints: Joints = jax.tree.map(partial(_whole, length), one_at_a_time(_joint_slopes)(constants, pieces))
+    joints: Joints = jax.tree.map(partial(_whole, length), one_at_a_time(_joint_gradients)(constants, pieces))
     # Gradients with respect to the model are rarely needed, so they are computed separately or not at all.
-    gravity, theta = one_at_a_time(_tool_slopes)(constants, *pieces)
-    return Model(one_at_a_time(_arm_slopes)(model, *pieces), gravity, theta), joints
+    gravity, theta = one_at_a_time(_tool_gradients)(constants, *pieces)
+    return Model(one_at_a_time(_arm_gradients)(model, *pieces), gravity, theta), joints
 
 
 _of_samples.defvjp(_forward, _backward)
@@ -200,7 +200,7 @@ def _all_wrenches(constants: Constants, columns: Joints) -> tuple[Array, Array]:
 
 
 @compile_whole
-def _joint_slopes(constants: Constants, given: tuple[Joints, tuple[Array, ...]]) -> Joints:
+def _joint_gradients(constants: Constants, given: tuple[Joints, tuple[Array, ...]]) -> Joints:
     """Gradients with respect to the joints' entries, in the columns of each piece."""
     chain, gravity, theta = constants
 
@@ -216,7 +216,7 @@ def _joint_slopes(constants: Constants, given: tuple[Joints, tuple[Array, ...]])
 
 
 @compile_whole
-def _tool_slopes(constants: Constants, columns: Joints, bars: tuple[Array, ...]) -> tuple[Array, Array]:
+def _tool_gradients(constants: Constants, columns: Joints, bars: tuple[Array, ...]) -> tuple[Array, Array]:
     """Gradients with respect to gravity and theta."""
     chain, gravity, theta = constants
 
@@ -228,7 +228,7 @@ def _tool_slopes(constants: Constants, columns: Joints, bars: tuple[Array, ...])
     return jax.lax.scan(one, start, jnp.arange(columns[0].shape[0]))[0]
 
 
-def _arm_slopes(model: Model, columns: Joints, bars: tuple[Array, ...]) -> Arm:
+def _arm_gradients(model: Model, columns: Joints, bars: tuple[Array, ...]) -> Arm:
     """Gradients with respect to the arm's constants, by textbook equations: a chain's are infinite at parallel axes."""
 
     def sample(arm: Arm, joints: Joints) -> tuple[Array, ...]:

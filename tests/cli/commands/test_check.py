@@ -140,7 +140,7 @@ def at_rest(tables, arrays):
 def test_a_log_at_rest_is_said_to_show_nothing(files, tmp_path, capsys):
     assert main(["check", *files(at_rest)]) == 0
     told = capsys.readouterr().err
-    assert "at rest: bias and noise show, nothing else" in told
+    assert "at rest: only bias and noise can be estimated" in told
     _, *setup = files(at_rest)
     assert main(["check", str(tmp_path / "*.npz"), *setup]) == 0  # a pattern stands for its logs
     assert "log.npz: at rest" in capsys.readouterr().err

@@ -5,7 +5,7 @@ import pytest
 from small_fits import shift, small_fit
 
 from ftbias_jax.diagnosis.evidence.gap import (
-    Judge,
+    CrossValidation,
     excess_by_chance,
     excess_by_channel,
     excess_by_size,
@@ -39,11 +39,11 @@ def test_each_fold_is_told_by_the_others(problem, local):
     for k in range(FOLDS):
         others = shift(fit.columns.moving[:, fold != k], fit.error[fold != k])
         expected[fold == k] += np.tensordot(others, fit.columns.moving[:, fold == k], 1)
-    np.testing.assert_allclose(Judge(problem)(fit, fit.error).error, expected, atol=1e-5)
+    np.testing.assert_allclose(CrossValidation(problem)(fit, fit.error).error, expected, atol=1e-5)
 
 
 def test_a_fit_is_held_out_once_and_judged_against_any_reference(problem):
-    hold_out, fit = Judge(problem), made_up(1)
+    hold_out, fit = CrossValidation(problem), made_up(1)
     worse, better = (hold_out(fit, scale * fit.error) for scale in (2.0, 0.5))
     assert worse.error is better.error
     for held, scale in ((worse, 2.0), (better, 0.5)):
@@ -56,14 +56,14 @@ def test_what_acts_in_one_block_is_gained_surely_where_the_prediction_was_right(
     """The gain scatters over blocks as much as it can; noise has next to nothing to do with that."""
     error = np.random.default_rng(3).normal(size=(BINS, 6))
     there = (problem.t < BLOCK_SECONDS)[:, None]
-    held = Judge(problem)(small_fit(np.zeros((0, BINS, 6)), error, ()), error + 20.0 * there)
+    held = CrossValidation(problem)(small_fit(np.zeros((0, BINS, 6)), error, ()), error + 20.0 * there)
     assert held.nats < 2 * held.nats_stderr
     assert held.nats > 10 * held.nats_by_noise
 
 
 def test_what_happens_in_one_block_is_not_gained_surely_by_a_prediction_of_a_part_of_it(problem):
     error = np.random.default_rng(4).normal(size=(BINS, 6)) + 20.0 * (problem.t < BLOCK_SECONDS)[:, None]
-    held = Judge(problem)(small_fit(np.zeros((0, BINS, 6)), error, ()), 1.1 * error)
+    held = CrossValidation(problem)(small_fit(np.zeros((0, BINS, 6)), error, ()), 1.1 * error)
     assert 0 < held.nats < 2 * held.nats_by_noise
 
 
@@ -74,7 +74,7 @@ def test_the_gain_of_a_wrong_prediction_moves_by_chance_as_noise_moves_it(proble
     made = []
     for _ in range(200):
         error = rng.normal(size=(BINS, 6))
-        held = Judge(problem)(small_fit(np.zeros((0, BINS, 6)), error, ()), error + change)
+        held = CrossValidation(problem)(small_fit(np.zeros((0, BINS, 6)), error, ()), error + change)
         made.append((held.nats, held.nats_by_noise))
     gains, chances = np.transpose(made)
     assert np.sqrt((chances**2).mean()) == pytest.approx(gains.std(), rel=0.15)

@@ -30,11 +30,11 @@ def twins_of(monkeypatch, losses, scatter, preliminary=1000.0, gain=1000.0, prob
     others = [Scored(fit_of(Hypothesis(name), -lost), preliminary) for name, lost in losses.items()]
     lost = {id(other.fit.error): -other.fit.log_likelihood for other in others}
 
-    def compared(problem, better, worse):
+    def log_likelihood_gain(problem, better, worse):
         assert better is accepted.error
         return lost[id(worse)], np.sqrt(BLOCKS) * scatter
 
-    monkeypatch.setattr(causes, "compared", compared)
+    monkeypatch.setattr(causes, "log_likelihood_gain", log_likelihood_gain)
     scored = [Scored(accepted, 1000.0), *others]
     return causes.twins_of(problem, base, accepted, CAUSE, scored)
 

@@ -15,7 +15,7 @@ from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.diagnosis.proposals.entries import evidence, whole_matrix
 from ftbias_jax.diagnosis.regression.chain_model import to_values
 from ftbias_jax.diagnosis.regression.fit import base, covariance, fit
-from ftbias_jax.diagnosis.thresholds import ENTRY_STD, NATS_PER_DEGREE
+from ftbias_jax.diagnosis.thresholds import ENTRY_STD, PENALTY_PER_PARAMETER
 from ftbias_jax.diagnosis.tool_first import Searched, with_tool
 from ftbias_jax.model.simulate_log import simulate
 from ftbias_jax.runtime.jax_config import in_float64
@@ -54,7 +54,7 @@ def values(problem, z, effect):
 def test_one_leak_is_told_as_one_and_leaves_the_tool_right(one_leak):
     problem, found, few, center = one_leak
     whole = whole_matrix(problem, found, few)
-    assert not whole.earned
+    assert not whole.worth_its_parameters
     told, stderr = parameters(problem, found, few)
     np.testing.assert_allclose(told["matrix"], values(problem, found.z, "crosstalk")["matrix"])
     stderr = np.array(stderr["matrix"])
@@ -73,7 +73,7 @@ def test_one_leak_is_told_as_one_and_leaves_the_tool_right(one_leak):
 def test_leaks_of_all_channels_are_told_as_all():
     problem, found, few, _ = fitted(ALL)
     whole = whole_matrix(problem, found, few)
-    assert whole.earned
+    assert whole.worth_its_parameters
     told, stderr = (np.array(x["matrix"]) for x in parameters(problem, found, few))
     np.testing.assert_allclose(told, values(problem, whole.fit.z, "crosstalk")["matrix"])
     off = ~np.eye(6, dtype=bool)
@@ -99,7 +99,7 @@ def test_a_matrix_is_paid_by_what_the_log_says_of_it_and_large_leaks_are_unlikel
         of_entries = covariance(problem, one)[np.ix_(place, place)]
         size = (one.z[entries] ** 2).sum() / ENTRY_STD**2 / 2
         surer = -np.log(np.linalg.eigvalsh(of_entries) / ENTRY_STD**2).sum() / 2
-        others = NATS_PER_DEGREE * (one.degrees - len(entries))
+        others = PENALTY_PER_PARAMETER * (one.degrees - len(entries))
         np.testing.assert_allclose(evidence(problem, one), one.log_likelihood - size - surer - others)
     assert evidence(problem, beside) - evidence(problem, alone) > score(beside, alone)
 

@@ -18,7 +18,7 @@ def test_the_verdict_comes_first_and_the_sections_in_order(make_diagnosis):
         "What to do",
         "Causes",
         "The gap before and after",
-        "What is left, against time",
+        "Residual against time",
         "What is left, against the cause",
         "How well each effect explains it",
         "Twins: what the data do not tell apart",

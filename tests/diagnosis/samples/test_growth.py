@@ -95,11 +95,11 @@ def test_noise_that_does_not_grow_raises_no_alarm():
 
 def test_a_few_wild_samples_neither_make_nor_hide_growth():
     t, speed, white = moving_log(3)
-    wild = np.where(np.random.default_rng(0).random(white.shape) < 2e-3, 1e4, 1.0)
-    assert not measure(t, REST * white**2 * wild, speed).detected
+    outlier_rows = np.where(np.random.default_rng(0).random(white.shape) < 2e-3, 1e4, 1.0)
+    assert not measure(t, REST * white**2 * outlier_rows, speed).detected
     burst = np.where((t > 20) & (t < 20.3), 1e3, 1.0)[:, None]
     assert not measure(t, REST * white**2 * burst, speed).detected
-    found = measure(t, growing(speed, white) * wild, speed)
+    found = measure(t, growing(speed, white) * outlier_rows, speed)
     assert found.detected
     np.testing.assert_allclose(found.variance[2, 1], SLOPE[2, 1], rtol=0.3)
 

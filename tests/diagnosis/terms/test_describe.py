@@ -65,7 +65,7 @@ NEARLY = 1.05 * CHANGE
 )
 def test_what_follows_gravity_as_a_wrong_tool_does_is_one(effect, of_effect, term, same):
     scored = Scored(fit_of(effect, 3, BEFORE - of_effect), 0.0)
-    assert describe.says(PROBLEM, scored, fit_of("", 0, BEFORE), term) == same
+    assert describe.is_equivalent_to_term(PROBLEM, scored, fit_of("", 0, BEFORE), term) == same
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from made_states import still_state
 from small_fits import at_its_best
 
-from ftbias_jax.diagnosis.regression.score_test import stand
+from ftbias_jax.diagnosis.regression.score_test import prepare_fit
 from ftbias_jax.diagnosis.terms.fit_terms import fit_terms, improve
 from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.model.effects.terms.columns import added
@@ -48,7 +48,9 @@ def test_the_point_and_the_coefficients_of_a_force_are_found(problem, state, own
     numbers = {"frequency": 0.0123} if form[0] == "time" else {}
     term = replace(make_term(*form, "base", "force", 0, numbers, POINT), coefficients=np.array(size))
     start = {name: 1.0005 * value for name, value in numbers.items()}
-    found = fit_terms(problem, state, stand(fit_with(term, state, own)), (make_term(*form, "base", "force", 0, start),))
+    found = fit_terms(
+        problem, state, prepare_fit(fit_with(term, state, own)), (make_term(*form, "base", "force", 0, start),)
+    )
     np.testing.assert_allclose(found.terms[0].coefficients, size, atol=0.02)
     np.testing.assert_allclose(found.terms[0].point, POINT, atol=0.003)
     assert found.fit.columns.size == own + len(size) + len(numbers) + 3
@@ -57,7 +59,7 @@ def test_the_point_and_the_coefficients_of_a_force_are_found(problem, state, own
 
 def test_more_steps_never_lose(problem, state):
     term = replace(make_term("velocity", "linear", "base", "force", 0, {}, POINT), coefficients=np.array([2.0]))
-    prepared_fit = stand(fit_with(term, state, 2))
+    prepared_fit = prepare_fit(fit_with(term, state, 2))
     wrong = make_term("velocity", "linear", "base", "force", 0, {}, -2 * POINT)
     likely = [improve(problem, state, prepared_fit, (wrong,), steps).log_likelihood for steps in (0, 1, 2, 5)]
     assert likely == sorted(likely)

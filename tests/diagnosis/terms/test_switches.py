@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_states import still_state
 
-from ftbias_jax.diagnosis.terms.phrases import spells_in_words
+from ftbias_jax.diagnosis.terms.phrases import intervals_in_words
 from ftbias_jax.diagnosis.terms.switches import PRICE, _suggested, _ways, alternating, changes, lasting
 
 BINS, WIDTH = 2000, 0.01
@@ -22,9 +22,9 @@ def naive(x, weight):
 
     best, last = [-price], [0]
     for end in range(1, n + 1):
-        told = [best[first] + cost(first, end) + price for first in range(end)]
-        best.append(min(told))
-        last.append(int(np.argmin(told)))
+        wander_term = [best[first] + cost(first, end) + price for first in range(end)]
+        best.append(min(wander_term))
+        last.append(int(np.argmin(wander_term)))
     cuts, end = [], n
     while last[end] > 0:
         end = last[end]
@@ -91,6 +91,6 @@ def test_what_is_switched_is_found_beside_a_bias(turning, name):
 
 
 def test_spells_are_told_in_words():
-    assert spells_in_words(np.array(14.2)) == "from 14.2 s on"
-    assert spells_in_words(np.array([1.0, 2.5, 7.0])) == "from 1 to 2.5 s and from 7 s on"
-    assert spells_in_words(np.arange(10.0) ** 2) == "5 times, 1 to 17 s each"
+    assert intervals_in_words(np.array(14.2)) == "from 14.2 s on"
+    assert intervals_in_words(np.array([1.0, 2.5, 7.0])) == "from 1 to 2.5 s and from 7 s on"
+    assert intervals_in_words(np.arange(10.0) ** 2) == "5 times, 1 to 17 s each"

@@ -19,7 +19,7 @@ from ftbias_jax.filtering.method.passes import GATE
 from ftbias_jax.filtering.method.ready import ready_to_filter
 from ftbias_jax.filtering.method.runs import alone
 from ftbias_jax.filtering.noise.blocks import layout_of
-from ftbias_jax.filtering.params_for_log import LAG_GUARD, likeliest_params
+from ftbias_jax.filtering.params_for_log import LAG_GUARD, max_likelihood_params
 from ftbias_jax.filtering.pipeline import predict_wrench
 from ftbias_jax.filtering.process_models import integrated_jerk_noise, matrix
 from ftbias_jax.filtering.result import join
@@ -61,7 +61,7 @@ def made(setup):
 
 @pytest.fixture(scope="module")
 def likeliest(setup, made):
-    return likeliest_params(setup, samples_from_log(made[0]))
+    return max_likelihood_params(setup, samples_from_log(made[0]))
 
 
 def filtered(setup, log, smooth=False):

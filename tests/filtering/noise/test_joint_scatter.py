@@ -16,7 +16,7 @@ from ftbias_jax.filtering.noise.joint_scatter import (
     remark_of_joints,
     scatter,
 )
-from ftbias_jax.filtering.params_for_log import likeliest_params
+from ftbias_jax.filtering.params_for_log import max_likelihood_params
 from ftbias_jax.filtering.samples import samples_from_log
 from ftbias_jax.model.effects.responses import lagged
 from ftbias_jax.model.params import params_from_setup
@@ -114,7 +114,7 @@ def test_velocities_that_do_not_follow_are_not_used_and_that_is_told():
     setup = parse_setup(SETUP)
     log = simulate(setup, duration=20, rate=100, seed=2).log
     with jax.enable_x64(True):
-        params = likeliest_params(setup, samples_from_log(log._replace(dq=0.9 * log.dq)))
+        params = max_likelihood_params(setup, samples_from_log(log._replace(dq=0.9 * log.dq)))
     assert (params.joint.velocity_std >= UNUSED).all()
     (said,) = remark_of_joints(setup, params)
     assert said.what.startswith("joint velocities are late")
@@ -132,7 +132,7 @@ def test_what_is_stated_too_small_is_taken_from_the_log_and_told(wide):
             assert one.dtype == other.dtype
         assert remark_of_joints(setup, stated) == ()
         quiet = replace(setup, joints=replace(setup.joints, position_noise_std=setup.joints.position_noise_std / 5))
-        params = likeliest_params(quiet, samples)
+        params = max_likelihood_params(quiet, samples)
         np.testing.assert_allclose(params.joint.position_std, stated.joint.position_std, rtol=0.3)
         np.testing.assert_array_equal(params.joint.velocity_std, stated.joint.velocity_std)
         (said,) = remark_of_joints(quiet, params)

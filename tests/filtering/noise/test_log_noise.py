@@ -9,15 +9,15 @@ from made_series import STD, blocks_of, free_motion, gauss_markov, made_blocks, 
 from ftbias_jax.filtering.noise.blocks import Layout
 from ftbias_jax.filtering.noise.contact import Contact, slow_std
 from ftbias_jax.filtering.noise.fit_noise import (
+    drop_zero_terms,
     fit_noise,
     from_median,
     is_white,
     offset_of,
     with_noise,
-    without_nothing,
 )
 from ftbias_jax.filtering.noise.fit_noise import inflation as jax_inflation
-from ftbias_jax.filtering.noise.log_noise import LogNoise, describe, nothing, remarks_of_noise, told
+from ftbias_jax.filtering.noise.log_noise import LogNoise, describe, log_noise_from, nothing, remarks_of_noise
 from ftbias_jax.filtering.noise.slow_noise import SlowNoise
 from ftbias_jax.filtering.noise.vibration import Shares, Vibration
 
@@ -29,7 +29,7 @@ _fit = jax.jit(fit_noise, static_argnums=2)
 def noise_of_log(blocks, stated, layout=LAYOUT):
     """What a log shows, for people."""
     found = jax.tree.map(np.asarray, _fit(stated, blocks, layout)[1])
-    return told(found, layout, slow_is_stated=stated.correlated_std is not None)
+    return log_noise_from(found, layout, slow_is_stated=stated.correlated_std is not None)
 
 
 def no_joints(blocks):
@@ -206,10 +206,10 @@ def test_a_reader_is_told_what_the_log_shows():
 
 def test_noise_that_is_zero_is_left_out(stated):
     quiet = stated._replace(correlated_std=np.zeros(6), correlated_time=np.ones(6), vibration=np.zeros((3, 6)))
-    assert without_nothing(quiet._replace(vibration_speed=np.array(0.1))) == stated
+    assert drop_zero_terms(quiet._replace(vibration_speed=np.array(0.1))) == stated
     bent = stated._replace(vibration=np.ones((3, 6)), vibration_speed=np.array(np.inf))
-    assert without_nothing(bent).vibration_speed is None
-    assert without_nothing(bent).vibration is bent.vibration
+    assert drop_zero_terms(bent).vibration_speed is None
+    assert drop_zero_terms(bent).vibration is bent.vibration
 
 
 def test_a_bias_that_begins_again_begins_at_the_median_of_what_is_free(stated):

@@ -8,7 +8,7 @@ from made_series import STD, gauss_markov, stamps
 
 from ftbias_jax.filtering.noise import slow_noise
 from ftbias_jax.filtering.noise.block_filter import Grid, Means, filter_blocks, filter_series
-from ftbias_jax.filtering.noise.slow_noise import coarser, fit_slow_noise, nats_of
+from ftbias_jax.filtering.noise.slow_noise import fit_slow_noise, join_blocks, nats_of
 
 PRIOR = np.concatenate([20 * STD, 0.05 * STD])
 DENSITY = 0.01 * STD
@@ -25,7 +25,7 @@ def bias_course(rng, t):
 
 @jax.jit
 def _fit(t, y, variance):
-    means = coarser(Means(jnp.median(jnp.diff(t)), t, y, variance), jnp.asarray(len(t)))
+    means = join_blocks(Means(jnp.median(jnp.diff(t)), t, y, variance), jnp.asarray(len(t)))
     return fit_slow_noise(means, DENSITY, PRIOR.reshape(2, 6))
 
 
@@ -157,7 +157,7 @@ def test_joined_blocks_are_weighted_means(monkeypatch):
     y[rng.random(y.shape) < 0.3] = np.nan
     y[4:8, 1] = np.nan
     means = Means(1.0, t, y, variance)
-    seconds, times, mean, spread = coarser(means, jnp.asarray(32))
+    seconds, times, mean, spread = join_blocks(means, jnp.asarray(32))
     assert seconds == 4
     np.testing.assert_array_equal(times[:8], np.arange(8) * 4 + 1.5)
     assert np.isnan(mean[8:]).all()
@@ -171,7 +171,7 @@ def test_joined_blocks_are_weighted_means(monkeypatch):
             assert mean[k, axis] == pytest.approx(np.average(y[rows, axis], weights=1 / variance[rows, axis]))
             assert spread[k, axis] == pytest.approx(1 / (1 / variance[rows, axis]).sum())
     monkeypatch.setattr(slow_noise, "MOST_BLOCKS", 32)
-    assert coarser(means, jnp.asarray(32)) is means
+    assert join_blocks(means, jnp.asarray(32)) is means
 
 
 def test_a_series_of_any_length_is_filtered_by_a_longer_program(short):

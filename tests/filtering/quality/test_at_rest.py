@@ -44,7 +44,7 @@ def test_at_rest_the_bias_has_the_weight_and_a_push_is_seen():
 def test_what_a_log_can_show_is_said_by_its_motion():
     rest, spin = np.tile(POSE, (400, 1)), np.tile(POSE, (400, 1))
     spin[:, 0] += np.linspace(0, 2, 400)
-    assert rest_in_words(UNKNOWN, slices(log_of(rest))).startswith("at rest: bias and noise show, nothing else")
+    assert rest_in_words(UNKNOWN, slices(log_of(rest))).startswith("at rest: only bias and noise can be estimated")
     assert "turns by only 0 degrees" in rest_in_words(UNKNOWN, slices(log_of(spin)))
     turning = Log.from_arrays(UNKNOWN, *made.arm_log("ur5e", samples=400))
     assert rest_in_words(UNKNOWN, slices(turning)) == ""
@@ -58,7 +58,7 @@ def test_what_a_log_can_show_is_said_by_its_motion():
 def test_a_log_at_rest_is_diagnosed_without_a_tool_and_says_what_it_cannot_show():
     found = ft.diagnose(UNKNOWN, [log_of(np.tile(POSE, (1000, 1)))])
     assert found.verdict in ("none", "explained")
-    assert "\nAt rest: bias and noise show" in str(found)
+    assert "\nAt rest: only bias and noise" in str(found)
     assert "part of the bias" in found.repairs[0][-1].what
 
 

@@ -100,7 +100,8 @@ def test_what_the_gate_keeps_out_beside_contact_is_a_finding_about_the_model(fil
     np.testing.assert_allclose(got.off_rms, expected)
     force, torque = (np.sqrt(np.nansum(x**2)) for x in (expected[:3], expected[3:]))
     words = (
-        f"6 samples (10%) outside of contact did not pass the gate: the model is off by {force:.2g} N, {torque:.2g} Nm"
+        f"6 samples (10%) outside of contact were rejected by the gate: the model is off by {force:.2g} N, "
+        f"{torque:.2g} Nm"
     )
     assert words in summary.format_summary(got)
     touched[30:] = True

@@ -111,7 +111,7 @@ def test_what_a_table_leaves_open_or_says_twice_is_refused_with_a_remedy(tmp_pat
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ((), "a Denavit-Hartenberg table has a convention"),
+        ((), "the Denavit-Hartenberg convention is not stated"),
         (("--dh-convention", "standard", "--robot", "ur5"), "the robot is named twice"),
     ],
 )

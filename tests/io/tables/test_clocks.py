@@ -82,10 +82,10 @@ def test_streams_with_one_clock_are_a_table(tmp_path, streams):
     ("arrays", "words"),
     [
         ({"one_time": "t", "other_time": "t", "q": "q", "wrench": "q6"}, "t_joints: there is no time"),
-        ({"q_time": "t", "q": "q", "wrench": "wrench"}, "wrench: which stamps it has does not show"),
+        ({"q_time": "t", "q": "q", "wrench": "wrench"}, "wrench: cannot determine which stamps belong to it"),
         (
             dict(ARM, **{"stamps/force": "t", "ft/force": "q3", "stamps/torque": "late", "ft/torque": "q3"}),
-            "ft/torque: has other stamps, stamps/torque, than what belongs to it",
+            "ft/torque: has other stamps, stamps/torque, than the other arrays of its stream",
         ),
     ],
 )

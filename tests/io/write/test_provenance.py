@@ -25,7 +25,7 @@ NAMED = small_archive.named()
 ARRAYS = {"t": np.arange(3) * 0.01 + 1.7e9, "bias": np.ones((3, 6)), "log_likelihood": np.float64(3.0)}
 
 
-def sum_of(path):
+def sha256_of_url(path):
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
@@ -38,7 +38,7 @@ def origin(tmp_path, setup):
 def test_it_names_version_log_setup_robot_and_options(tmp_path, setup, origin):
     (log,) = origin["logs"]
     assert log["name"] == "log.bag"
-    assert log["sha256"] == sum_of(tmp_path / "log.bag")
+    assert log["sha256"] == sha256_of_url(tmp_path / "log.bag")
     assert (log["samples"], origin["samples"]) == (60, 60)
     assert log["duration"] == pytest.approx(0.59)
     assert log["rate"] == pytest.approx(100.0)
@@ -61,7 +61,7 @@ def test_of_arrays_and_a_setup_from_a_file_the_setup_is_named_with_its_sum(tmp_p
     log = Log.from_arrays(setup, np.arange(100) * 0.01, np.zeros((100, 2)), wrench)
     said = provenance(setup, [source_of(log)], {}, ["mine"])
     assert said["date"] is None
-    assert said["setup"] == {"name": "setup.toml", "sha256": sum_of(tmp_path / "setup.toml")}
+    assert said["setup"] == {"name": "setup.toml", "sha256": sha256_of_url(tmp_path / "setup.toml")}
     assert {key: said["logs"][0][key] for key in ("name", "sha256", "date")} == {
         "name": "mine",
         "sha256": None,
@@ -144,7 +144,7 @@ def test_simulated_logs_say_what_they_were_made_from(tmp_path, monkeypatch):
     for name in ("log.npz", "log_truth.npz"):
         arrays = load_npz(tmp_path / name)
         origin, about = (json.loads(str(arrays[text])) for text in ("provenance", "about"))
-        assert origin["setup"] == {"name": "setup.toml", "sha256": sum_of(tmp_path / "setup.toml")}
+        assert origin["setup"] == {"name": "setup.toml", "sha256": sha256_of_url(tmp_path / "setup.toml")}
         assert (origin["samples"], origin["options"]) == (50, {"simulated": True, "seed": 0})
         assert about["units"]["t"] == "s"
     assert "0.8" not in str(load_npz(tmp_path / "log.npz")["provenance"])  # the log does not tell the truth
@@ -164,7 +164,7 @@ def test_filter_writes_it_and_the_recordings_own_frame(tmp_path, monkeypatch):
     assert message.log_time == pytest.approx(recordings.START, abs=1e3)  # ns: seconds in float64
     assert channel.metadata["unit"] == "N, Nm"
     said = json.loads(record.metadata["provenance"])
-    assert said["logs"][0]["sha256"] == sum_of(path)
-    assert said["setup"] == {"name": "setup.toml", "sha256": sum_of(tmp_path / "setup.toml")}
+    assert said["logs"][0]["sha256"] == sha256_of_url(path)
+    assert said["setup"] == {"name": "setup.toml", "sha256": sha256_of_url(tmp_path / "setup.toml")}
     assert said["options"]["salvage"] is False
     assert b"wrist_ft\x00" in message.data

@@ -1,1 +1,1 @@
-"""What is done to a log, by physics of its own."""
+"""Effects that are applied to a log, by physics independent of the package's."""

@@ -1,4 +1,4 @@
-"""The tables of effects: builder and functional forms, in the catalogue and outside it."""
+"""Tables of the effects inside and outside the package's catalogue: builder and functional forms."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LISTED: dict[str, Entry] = {
     "dropped_samples": (timing.dropped_samples, ("rows", "repeats", "nan", "gaps")),
     "vibration": (sensing.vibration, ("squared", "straight", "meshing")),
 }
-"""Names as in the package's catalogue of effects."""
+"""Effects named as in the package's catalogue."""
 
 UNLISTED: dict[str, Entry] = {
     "slosh": (loads.slosh, ("pendulum",)),
@@ -46,15 +46,15 @@ UNLISTED: dict[str, Entry] = {
     "joint_heat": (slow.joint_heat, ("hidden",)),
     "wandering_bursts": (slow.wandering_bursts, ("random_walk",)),
 }
-"""For these the honest answer is unknown or partly explained."""
+"""Effects outside the catalogue, for which the right verdict is unknown or partly explained."""
 
 ENTRIES = LISTED | UNLISTED
 
 STATISTICAL = ("saturation", "quantisation", "noise_level", "outliers", "dropped_samples", "vibration")
-"""Effects whose strength is not a mean gap: their sizes are taken as drawn."""
+"""Effects whose strength is not a mean gap, so their sizes are used as drawn."""
 
 NEEDS_MOTION = ("tool_inertia", "tool_flexibility", "time_delay", "low_pass", "stamp_jitter", "drag", "eddy", "slosh")
-"""Effects that slow motion hides: their logs move briskly."""
+"""Effects that slow motion does not reveal, so their logs have brisk motion."""
 
 TWINS = (
     {"gain", "tool_mass"},
@@ -77,4 +77,4 @@ TWINS = (
     {"outliers", "vibration"},
     {"stamp_jitter", "vibration"},
 )
-"""Effects that are not put together into one log: each hides or mimics the other."""
+"""Pairs that are not combined in one log, because each effect hides or mimics the other."""

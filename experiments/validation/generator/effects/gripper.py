@@ -1,4 +1,4 @@
-"""A parallel gripper that takes a part up and puts it down: two fingers with a drive, a free part, friction alone."""
+"""A parallel gripper that picks up and puts down a free part: two driven fingers that hold it by friction alone."""
 
 from __future__ import annotations
 
@@ -15,69 +15,69 @@ from validation.generator.nominal_model import Tool
 from validation.generator.world import STEP, nominal_world, tool_path, wrench
 
 IMPOSED = 1e6
-"""kg and kg m^2 of the link that carries the hand, so that nothing that the hand does changes the motion."""
+"""kg and kg m^2, inertia of the link that carries the hand, so large that the hand does not affect the motion."""
 SPEED, EASY = 0.1, 10.0
-"""m/s of the fingers, and N of the drive, while they move."""
+"""m/s, speed of the moving fingers, and N, force of their drive at this speed."""
 TOUCH, SQUEEZE = 0.1, 0.1
-"""s that the fingers have to touch in, and that the full force needs to build up."""
+"""s that the fingers have to make contact, and s in which the full force builds up."""
 PAD = 0.015
-"""m, half the edge of a pad, which is square."""
+"""m, half the edge of a square pad."""
 SPRING, TWIST, DAMPING = 1000.0, 0.5, 0.3
-"""N/m, Nm/rad and damping ratio of the nest that holds the part before it is gripped and after it is put down."""
+"""N/m, Nm/rad and damping ratio of the nest that holds the part before it is gripped and after it is released."""
 FAR = np.full(3, 50.0)
-"""m, where the part is while it is not there."""
+"""m, position of the part while it is absent."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """A box that is gripped, not everywhere of one density."""
+    """A gripped box of non-uniform density."""
 
     mass: float
     """kg."""
     half: Floats
-    """(3,) m, half its edges; the pads press on the faces across x."""
+    """(3,) m, half the edges; the pads press on the faces across x."""
     center: Floats
-    """(3,) m, of mass, from the middle of the box."""
+    """(3,) m, centre of mass from the middle of the box."""
 
 
 @dataclass(frozen=True)
 class Gripper:
-    """A hand, open but for the part; it closes along the x axis of the sensor."""
+    """A hand that is open unless it holds its part; it closes along the x axis of the sensor."""
 
     middle: Floats
-    """(3,) m, sensor frame, between the pads."""
+    """(3,) m, point between the pads, sensor frame."""
     masses: tuple[float, float]
-    """kg of the fingers: one carries more of the drive than the other."""
+    """kg of the two fingers, one of which carries more of the drive."""
     stroke: float
-    """m of each finger from open to the part."""
+    """m, travel of each finger from open to the part."""
     force: float
-    """N of the drive on each finger while it holds the part."""
+    """N, force of the drive on each finger while it holds the part."""
     friction: float
     """Coefficient between pads and part."""
     part: Part
 
     @property
     def closes(self) -> float:
-        """S from the start of a grip until the part is held with full force."""
+        """Duration in s from the start of a grip until the part is held with full force."""
         return self.stroke / SPEED + TOUCH + SQUEEZE
 
 
 @dataclass(frozen=True)
 class Handover:
-    """The part is taken up, or put down; the arm is at rest meanwhile."""
+    """One pick-up or put-down of the part, during which the arm is at rest."""
 
     start: float
     """s at which the fingers begin to close, or the nest begins to take the weight."""
     gone: float
-    """s at which the arm is about to move on; a part that was put down is taken away."""
+    """s at which the arm is about to move on, and a part that was put down is removed."""
     takes: float
-    """s for the weight to go over."""
+    """s, duration of the transfer of the weight."""
     offset: Floats
-    """(3,) m by which the part is presented off the middle of the pads."""
+    """(3,) m, offset of the presented part from the middle of the pads."""
 
 
 def at_rest(scene: Scene) -> list[tuple[float, float]]:
-    """(first, last) s of the spells in which the arm is still."""
+    """Return (first, last) s of each interval in which the arm is at rest."""
     moving = np.abs(scene.motion(scene.grid)[1]).max(1) > 1e-9
     edges = np.diff(np.concatenate([[True], moving, [True]]).astype(int))
     first, end = np.flatnonzero(edges < 0), np.flatnonzero(edges > 0)
@@ -85,7 +85,7 @@ def at_rest(scene: Scene) -> list[tuple[float, float]]:
 
 
 def with_fingers(scene: Scene, gripper: Gripper) -> Scene:
-    """The scene of an owner who knows the tool with its fingers, open."""
+    """Return the scene whose nominal tool includes the open fingers."""
     model = _model(scene, gripper)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -104,12 +104,12 @@ def with_fingers(scene: Scene, gripper: Gripper) -> Scene:
 
 
 def carried(scene: Scene, gripper: Gripper, handovers: list[Handover]) -> tuple[Floats, Floats]:
-    """What the sensor feels while the hand takes the part up and puts it down in turn.
+    """Simulate the wrench while the hand alternately picks up the part and puts it down.
 
     Args:
-        scene: with the hand alone as its tool, without fingers.
-        gripper: with the part.
-        handovers: in time; the part is taken up first.
+        scene: scene whose nominal tool is the hand without fingers.
+        gripper: gripper with its part.
+        handovers: pick-ups and put-downs in turn and in order of time, a pick-up first.
 
     Returns:
         wrench (S, 6) N, Nm on the scene's grid; the part's centre of mass (S, 3) m, sensor frame, NaN while it is not
@@ -149,10 +149,10 @@ def carried(scene: Scene, gripper: Gripper, handovers: list[Handover]) -> tuple[
 
 
 def _model(scene: Scene, gripper: Gripper) -> mujoco.MjModel:
-    """The last link, moved at will, with the hand on it, and the part.
+    """Model of the last link, whose motion is imposed, with the hand on it, and of the part.
 
-    The link's frame is between the pads: MuJoCo's contacts take a turning body for one that goes straight on, and far
-    from the frame friction would slip for that.
+    The link's frame is between the pads, because MuJoCo's contacts treat a rotating body as one that moves straight on,
+    and friction far from the frame would slip.
     """
     part, edges = gripper.part, 2 * gripper.part.half
     inertia = part.mass / 12 * np.diag((edges**2).sum() - edges**2)
@@ -170,7 +170,7 @@ def _model(scene: Scene, gripper: Gripper) -> mujoco.MjModel:
 
 
 def _fingers(gripper: Gripper) -> str:
-    """Two bodies that slide along x in step, open at 0."""
+    """MJCF of two bodies that slide synchronously along x, open at 0."""
     text, away = "", gripper.part.half[0] + gripper.stroke + PAD / 2
     for name, side, mass in zip(("left", "right"), (-1.0, 1.0), gripper.masses, strict=True):
         text += f"""<body name="{name}" pos="{_text(gripper.middle + np.array([side * away, 0, 0]))}">
@@ -181,7 +181,7 @@ def _fingers(gripper: Gripper) -> str:
 
 
 def _pad(gripper: Gripper, side: float) -> str:
-    """Four balls at its corners: a pad that is a box touches here in one step and there in the next."""
+    """MJCF of a pad as four balls at its corners, because the contact points of a box change from step to step."""
     corners = [np.array([-side * PAD / 4, y, z]) for y in (-PAD, PAD) for z in (-PAD, PAD)]
     return "".join(
         f'<geom size="{PAD / 4!r}" pos="{_text(at)}" mass="0" contype="1" conaffinity="2" {_contact(gripper)}/>'
@@ -194,7 +194,7 @@ def _contact(gripper: Gripper) -> str:
 
 
 def _shares(t: Floats, gripper: Gripper, handovers: list[Handover]) -> Floats:
-    """(T,) how much of the part's weight the nest carries: less, or more, along a straight line in time."""
+    """Share (T,) of the part's weight that the nest carries, with linear ramps in time."""
     share = np.ones(len(t))
     for h in handovers[::2]:
         share -= np.clip((t - h.start - gripper.closes) / h.takes, 0, 1)
@@ -204,7 +204,7 @@ def _shares(t: Floats, gripper: Gripper, handovers: list[Handover]) -> Floats:
 
 
 def _drives(t: Floats, gripper: Gripper, handovers: list[Handover]) -> Floats:
-    """(T,) N of the drive on each finger, positive where it closes."""
+    """Force (T,) N of the drive on each finger, positive if it closes."""
     times, values = [t[0]], [-EASY]
     for h in handovers[::2]:
         times += [h.start, h.start + 0.01, h.start + gripper.closes - SQUEEZE, h.start + gripper.closes]
@@ -217,13 +217,13 @@ def _drives(t: Floats, gripper: Gripper, handovers: list[Handover]) -> Floats:
 
 
 def _moved(data: mujoco.MjData, place: Floats, turn: Floats) -> Floats:
-    """(7,) where the part is from now on, at rest."""
+    """Set the part to rest at a pose; returns the pose (7,)."""
     data.qpos[9:], data.qvel[8:] = [*place, *turn], 0
     return data.qpos[9:].copy()
 
 
 def _hold(model: mujoco.MjModel, data: mujoco.MjData, home: Floats, share: float) -> None:
-    """The nest carries its share of the weight, and holds the part where its home (7,) is."""
+    """Apply the forces of the nest: its share of the weight, and springs to the part's home pose (7,)."""
     part = model.body("part").id
     mass, inertia = model.body_mass[part], model.body_inertia[part].min()
     by, turn = np.empty(3), np.empty(9)

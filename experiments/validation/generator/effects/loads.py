@@ -1,4 +1,4 @@
-"""External forces on the tool: contacts (in the catalogue), drag, eddy currents, a magnet, sloshing (not in it)."""
+"""External loads on the tool: contacts (in the catalogue); drag, eddy currents, a magnet and sloshing (not in it)."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ class Touch:
     duration: float
     """s."""
     force: Floats
-    """(3,) N at the peak, on the tool; base frame, or tool frame if it turns with the tool."""
+    """(3,) N, peak force on the tool, in the base frame, or in the tool frame if it rotates with the tool."""
     point: Floats
-    """(3,) m, tool frame."""
+    """(3,) m, point of application in the tool frame."""
     shape: str
     turns: bool
 
     def profile(self, t: Floats) -> Floats:
-        """(T,) share of the peak force at the times t (T,) s."""
+        """Share (T,) of the peak force at the times t (T,) s."""
         x = (t - self.start) / self.duration
         inside = (x > 0) & (x < 1)
         shapes = {
@@ -40,7 +40,7 @@ class Touch:
         return np.where(inside, shapes[self.shape], 0.0)
 
     def load(self, path: ToolPath) -> tuple[Floats, Floats]:
-        """As a load on the tool (``world.Load``)."""
+        """Return the force on the tool and its point of application, as a ``world.Load``."""
         force = self.profile(path.t)[:, None] * self.force
         return (np.einsum("tij,tj->ti", path.rotation, force) if self.turns else force), path.points(self.point)
 
@@ -73,7 +73,7 @@ def _with(world: World, *loads: Load) -> World:
 
 
 def drag(form: str, draw: Draw, scene: Scene) -> Effect:
-    """A force against the tool's velocity: its square (air, water) or proportional (eddy currents). Unlisted."""
+    """Force against the tool's velocity, proportional to its square (air, water) or to it (eddy currents). Unlisted."""
     coefficient, point = draw.size((0.3, 0.6), (1.0, 2.0), (3.0, 6.0)), _near(scene.belief.tool.com, draw)
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
@@ -86,7 +86,7 @@ def drag(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def magnet(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Attraction towards a place the tool passes by, within a few decimetres. Unlisted."""
+    """Attraction towards a point near the tool's path, within a few decimetres. Unlisted."""
     point, strength = _near(scene.belief.tool.com, draw), draw.size((0.3, 0.6), (1.0, 2.0), (3.0, 6.0))
     passed = tool_path(scene.world, scene.motion, np.array([draw.rng.uniform(0.2, 0.8) * scene.duration]))
     source = passed.points(point)[0] + draw.rng.uniform(0.03, 0.08) * draw.direction()
@@ -102,7 +102,7 @@ def magnet(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def slosh(form: str, draw: Draw, scene: Scene) -> Effect:
-    """A pendulum hangs in the tool: a half-filled bottle. Unlisted."""
+    """Pendulum that hangs in the tool, as in a half-filled bottle. Unlisted."""
     share = min(draw.size((0.1, 0.15), (0.2, 0.3), (0.35, 0.5)), 0.7)
     part = Sprung("pendulum", share, float(draw.rng.uniform(1.3, 2.2)), float(draw.rng.uniform(0.01, 0.05)))
     parameters = {"fraction": share, "hz": part.hz, "zeta": part.zeta}

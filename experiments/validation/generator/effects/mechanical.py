@@ -1,4 +1,4 @@
-"""Effects of the catalogue that change the mechanics: MuJoCo computes their wrench."""
+"""Effects of the catalogue that change the mechanics; MuJoCo computes their wrench."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from validation.generator.world import Cable, cable_length, tool_path
 
 
 def tool_mass(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Forms: "denser" (inertia grows alike), "point_at_com" (a compact mass in the centre, inertia unchanged)."""
+    """Forms: "denser" (inertia in proportion), "point_at_com" (a compact mass at the centre, inertia unchanged)."""
     relative = draw.sign() * min(draw.size((0.025, 0.05), (0.07, 0.13), (0.15, 0.25)), 0.4)
     grown = 1 + relative if form == "denser" else 1.0
 
@@ -41,7 +41,7 @@ def tool_com(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def tool_inertia(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Forms: "larger" (every moment alike), "rod" (two masses moved apart along a line)."""
+    """Forms: "larger" (all moments in proportion), "rod" (two masses moved apart along a line)."""
     nominal = scene.belief.tool.inertia
     relative = draw.size((0.5, 1.0), (1.2, 2.5), (3.0, 6.0))
     line = draw.direction()
@@ -54,7 +54,7 @@ def tool_inertia(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def gravity_tilt(form: str, draw: Draw, scene: Scene) -> Effect:
-    """The base is not level. Forms: "any_direction", "one_axis" (about base x or y; z for a wall mount)."""
+    """Base that is not level. Forms: "any_direction", "one_axis" (about base x or y; z for a wall mount)."""
     g = scene.belief.gravity
     axis = np.eye(3)[draw.rng.choice(np.flatnonzero(g == 0))] if form == "one_axis" else np.cross(g, draw.direction())
     angle = draw.sign() * np.radians(draw.size((0.5, 0.9), (1.2, 2.5), (3.0, 6.0)))
@@ -64,7 +64,7 @@ def gravity_tilt(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def mount_rotation(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Forms: "sensor_axes" (it reads along turned axes), "sensor_and_tool" (both sit turned on the flange)."""
+    """Forms: "sensor_axes" (only the measurement axes are rotated), "sensor_and_tool" (both rotated on the flange)."""
     angle = np.radians(draw.size((0.6, 1.0), (2.0, 3.5), (4.0, 8.0)))
     turn = Rotation.from_rotvec(angle * draw.direction())
     parameters = {"rpy": turn.as_euler("xyz").tolist()}
@@ -79,9 +79,9 @@ def mount_rotation(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def encoder_offset(form: str, draw: Draw, scene: Scene) -> Effect:
-    """The encoder of one joint reads ``offset`` too much. Forms: "constant", "eccentric" (and a little once a turn)."""
+    """One encoder reads ``offset`` too much. Forms: "constant", "eccentric" (plus a small error once per turn)."""
     n = len(scene.belief.arm.home)
-    column = int(draw.rng.integers(1, n))  # joint 1 of an upright arm shows nothing
+    column = int(draw.rng.integers(1, n))  # an offset of joint 1 of an upright arm is unobservable
     offset = draw.sign() * np.radians(draw.size((0.4, 0.8), (1.5, 2.5), (4.0, 7.0)))
     phase = draw.rng.uniform(0, 2 * np.pi)
     wobble = 0.15 * offset if form == "eccentric" else 0.0
@@ -96,7 +96,7 @@ def encoder_offset(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def cable(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Forms: anchor on the "forearm" or in the "world"; "stiffening": a second, longer strand takes over later."""
+    """Forms: anchor on the "forearm" or in the "world"; "stiffening": a second, longer strand tightens later."""
     arm, rng = scene.belief.arm, draw.rng
     on_forearm = form != "world"
     end = scene.belief.tool.com + rng.uniform(-0.04, 0.04, 3)
@@ -128,7 +128,7 @@ FLEXIBLE = {
 
 
 def tool_flexibility(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Forms: see FLEXIBLE; the sagging one bends under gravity, too, as it would without a balance."""
+    """Forms: see FLEXIBLE; without a balance, in "lateral_sagging", the springs also deflect under gravity."""
     kind, balanced = FLEXIBLE[form]
     low, high = (4.0, 14.0) if balanced else (9.0, 25.0)
     softness = draw.size((0.1, 0.4), (0.4, 0.7), (0.8, 1.0))

@@ -11,23 +11,23 @@ from scipy.integrate import cumulative_trapezoid
 from validation.generator.arms import Floats
 from validation.generator.nominal_model import Tool
 
-WHEEL_MASS = 1e-6  # kg; what counts is its inertia, and the tool as a whole keeps its stated mass
+WHEEL_MASS = 1e-6  # kg; only the wheel's inertia matters, and the whole tool keeps its stated mass
 
 
 @dataclass(frozen=True)
 class Rotor:
-    """A wheel in the tool's centre of mass, part of the tool: at standstill it changes nothing."""
+    """A wheel at the tool's centre of mass and part of the tool, so that it has no effect at standstill."""
 
     axis: Floats
     """(3,) unit vector, tool frame."""
     inertia: float
-    """kg m^2, about every axis."""
+    """kg m^2, about all axes."""
     speed: Callable[[Floats], Floats]
-    """Times (T,) s -> rad/s (T,) with respect to the tool."""
+    """Times (T,) s -> speed (T,) rad/s relative to the tool."""
 
 
 def rotor_mjcf(tool: Tool, rotor: Rotor | None) -> tuple[Tool, str]:
-    """The tool without its wheel, and the wheel's body (empty without one)."""
+    """Return the tool without its wheel, and the MJCF body of the wheel (empty without one)."""
     if rotor is None:
         return tool, ""
     still = replace(tool, mass=tool.mass - WHEEL_MASS, inertia=tool.inertia - rotor.inertia * np.eye(3))
@@ -41,7 +41,7 @@ def rotor_mjcf(tool: Tool, rotor: Rotor | None) -> tuple[Tool, str]:
 
 
 def spinning(rotor: Rotor, q: Floats, dq: Floats, ddq: Floats, t: Floats) -> tuple[Floats, Floats, Floats]:
-    """Motion of arm and wheel together, (T, n + 1) each, at the times t (T,) s."""
+    """Positions, velocities, accelerations (T, n + 1) of arm and wheel together at the times t (T,) s."""
     speed = rotor.speed(t)
     angle = cumulative_trapezoid(speed, t, initial=0.0)
     wheel = (angle % (2 * np.pi), speed, np.gradient(speed, t))

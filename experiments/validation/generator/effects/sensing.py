@@ -1,4 +1,4 @@
-"""Effects of the sensor itself: its scale, its memory, its filter, its converter and its noise."""
+"""Effects of the sensor itself: gain, hysteresis, filter, converter and noise."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from scipy.signal import butter, firwin, lfilter, lfilter_zi
 from validation.generator.arms import Floats
 from validation.generator.effects.effect import Draw, Effect, Scene
 
-GAIN, CROSSTALK, BENT, RIPPLE, HYSTERESIS, LOW_PASS = range(6)  # the order in which a wrench meets them
+GAIN, CROSSTALK, BENT, RIPPLE, HYSTERESIS, LOW_PASS = range(6)  # order in which they act on a wrench
 
 
 def gain(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Forms: "scattered" (every channel its own), "one_channel", "force_channels" (a wrong calibration sheet)."""
+    """Forms: "scattered" (each channel separately), "one_channel", "force_channels" (a wrong calibration sheet)."""
     size = draw.size((0.01, 0.02), (0.03, 0.06), (0.08, 0.12))
     factors = 1 + size * draw.rng.uniform(0.5, 1.5, 6) * draw.signs()
     if form == "one_channel":
@@ -27,7 +27,7 @@ def gain(form: str, draw: Draw, scene: Scene) -> Effect:
 def crosstalk(form: str, draw: Draw, scene: Scene) -> Effect:
     """Forms: "sparse" (one to four entries), "mutual" (pairs of channels), "full" (every channel a little)."""
     share = draw.size((0.01, 0.02), (0.03, 0.06), (0.08, 0.15))
-    unit = np.repeat([1.0, 0.1], 3)  # a newton leaks as much as a tenth of a newton metre
+    unit = np.repeat([1.0, 0.1], 3)  # crosstalk of 1 N is as large as that of 0.1 Nm
     weight = draw.rng.uniform(0.7, 1.3, (6, 6)) * draw.signs(36).reshape(6, 6)
     mask = np.zeros((6, 6))
     rows, columns = np.nonzero(~np.eye(6, dtype=bool))
@@ -42,7 +42,7 @@ def crosstalk(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def bent(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Gain that depends on the load. Forms: "quadratic", "cubic"; share of the span at its ends. Unlisted."""
+    """Load-dependent gain. Forms: "quadratic", "cubic"; ``share``: relative error at the largest load. Unlisted."""
     share = draw.size((0.01, 0.02), (0.03, 0.06), (0.08, 0.15)) * draw.signs() * draw.rng.uniform(0.3, 1.0, 6)
     power = 1 if form == "quadratic" else 2
     top = np.abs(scene.nominal).max(0)
@@ -56,7 +56,7 @@ def bent(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def gear_ripple(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Vibration locked to the angle of a joint's gear, stronger the faster it turns. Unlisted."""
+    """Vibration locked to the angle of a joint's gear, whose amplitude grows with the joint speed. Unlisted."""
     joint = int(draw.rng.integers(2, len(scene.belief.arm.home)))
     teeth = float(draw.rng.integers(30, 101))
     sizes = draw.size((1.0, 2.0), (3.0, 5.0), (8.0, 15.0)) * draw.rng.uniform(0.3, 1.0, 6) * scene.belief.noise_std
@@ -67,7 +67,7 @@ def gear_ripple(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def low_pass(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Forms: "first_order", "butterworth" (second order), "moving_average"; the cutoff is where 3 dB are lost."""
+    """Forms: "first_order", "butterworth" (second order), "moving_average"; the cutoff is the -3 dB frequency."""
     hz = 1 / draw.size((0.1, 0.17), (0.2, 0.4), (0.5, 1.2))
     rate = 1 / (scene.grid[1] - scene.grid[0])
     if form == "moving_average":
@@ -78,7 +78,7 @@ def low_pass(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def _filtered(b: Floats, a: Floats, w: Floats) -> Floats:
-    """Every channel of w (S, 6) through the filter b / a, started as if the first value had always been there."""
+    """Filter every channel of w (S, 6) by b / a, starting in the steady state of the first value."""
     return lfilter(b, a, w, axis=0, zi=lfilter_zi(b, a)[:, None] * w[0])[0]
 
 
@@ -92,7 +92,7 @@ def hysteresis(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def _stops(count: int) -> Callable[[Floats], Floats]:
-    """Mean of ``count`` elements that follow x (S, 6) until they slip at thresholds spread up to 2; within -1 ... 1."""
+    """Mean, within -1 ... 1, of ``count`` elements that follow x (S, 6) until they slip, at thresholds up to 2."""
     thresholds = (2 * np.arange(count) + 1)[:, None] / count
 
     def memory(x: Floats) -> Floats:
@@ -106,13 +106,13 @@ def _stops(count: int) -> Callable[[Floats], Floats]:
 
 
 LONGEST_STEP = 0.5
-"""Of Bouc-Wen's variable, per its range."""
+"""Longest explicit step of Bouc-Wen's variable, relative to its range."""
 
 
 def _bouc_wen(x: Floats) -> Floats:
     """Bouc-Wen's smooth hysteretic variable for x (S, 6), n = 1.5, beta = 0.6, gamma = 0.4; within -1 ... 1.
 
-    Explicit steps, of at most LONGEST_STEP: with longer ones the variable leaves its range and grows without limit.
+    The explicit steps are at most LONGEST_STEP, because with longer ones the variable leaves its range and diverges.
     """
     z, out = np.zeros(x.shape[1]), np.zeros_like(x)
     for k, step in enumerate(np.diff(x, axis=0), 1):
@@ -172,7 +172,7 @@ def noise_level(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def outliers(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Forms: "fixed_size" (each channel alone), "whole_sample" (all channels at once), "spread" (exponential sizes)."""
+    """Forms: "fixed_size" (each channel alone), "whole_sample" (all channels), "spread" (exponential sizes)."""
     rate, sigmas = draw.size((0.001, 0.003), (0.004, 0.008), (0.015, 0.025)), float(draw.rng.uniform(15, 45))
     stream = draw.stream()
 
@@ -186,10 +186,10 @@ def outliers(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def vibration(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Noise that grows with the motion: ``times`` the noise at rest in the fastest tenth of the log.
+    """Noise that grows with the motion, to ``times`` the noise at rest in the fastest tenth of the log.
 
-    Forms: "squared" (variance by squared joint speeds, as in the catalogue), "straight" (standard deviation by the sum
-    of the speeds), "meshing" (teeth of the motors' gears, too fast for the samples to follow).
+    Forms: "squared" (variance linear in squared joint speeds, as in the catalogue), "straight" (standard deviation
+    linear in the sum of joint speeds), "meshing" (tooth meshing of the motors' gears, aliased by the sampling).
     """
     times = draw.size((2.0, 3.0), (4.0, 6.0), (8.0, 12.0))
     q, dq, _ = scene.motion(scene.stamps)

@@ -1,4 +1,4 @@
-"""The bias and what moves it: its own random walk, warming up, jumps, temperature, and causes nobody recorded."""
+"""The bias and its causes: random walk, warm-up, jumps, temperature, and causes that are not recorded."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from validation.generator.effects.effect import Draw, Effect, Scene, uneven
 
 
 def bias_path(stamps: Floats, density: Floats, rng: np.random.Generator) -> Floats:
-    """A bias (T, 6) N, Nm: random start, straight drift, and a drift that wanders.
+    """Draw a bias (T, 6) N, Nm: a random start, a constant drift, and a drift that is a random walk.
 
     Args:
         stamps: (T,) s.
         density: (6,) N/s^1.5, Nm/s^1.5, of the white noise that drives the drift.
-        rng: source.
+        rng: source of randomness.
     """
     start = rng.uniform(-5, 5, 6) * np.repeat([1.0, 0.06], 3)
     dt = np.diff(stamps, prepend=stamps[0])[:, None]
@@ -27,7 +27,7 @@ def bias_path(stamps: Floats, density: Floats, rng: np.random.Generator) -> Floa
 
 
 def random_temperature(duration: float, rng: np.random.Generator) -> Callable[[Floats], Floats]:
-    """Room or sensor temperature in deg C against time: smooth wandering and a slow wave, 2 to 6 K in all."""
+    """Draw a room or sensor temperature, time in s -> deg C: smooth wander plus a slow wave, range 2 to 6 K."""
     knots = np.arange(-10.0, duration + 20.0, rng.uniform(5, 9))
     wander = CubicSpline(knots, np.cumsum(rng.normal(0, 1, len(knots))))
     period, phase = rng.uniform(0.4, 0.9) * duration, rng.uniform(0, 2 * np.pi)
@@ -42,7 +42,7 @@ def random_temperature(duration: float, rng: np.random.Generator) -> Callable[[F
 
 
 def warmup(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Forms: "exponential", "two_exponentials" (electronics, then the body; ``tau`` is the first)."""
+    """Forms: "exponential", "two_exponentials" (electronics, then the body; ``tau`` is that of the electronics)."""
     tau = float(draw.rng.uniform(4, np.clip(scene.duration / 3, 4, 15)))
     amplitude = uneven(draw, draw.size((0.25, 0.5), (0.8, 1.3), (2.5, 4.0)))
     slower = float(draw.rng.uniform(2.5, 5)) * tau
@@ -78,7 +78,7 @@ def bias_jump(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def temperature_drift(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Forms: "instant", "lagging" (the gauges follow with a time constant), "curved" (a quadratic part, too)."""
+    """Forms: "instant", "lagging" (the gauges follow with a time constant), "curved" (with a quadratic part)."""
     per_kelvin = uneven(draw, draw.size((0.04, 0.1), (0.2, 0.35), (0.5, 0.8)), 0.05)
     lag = float(draw.rng.uniform(1.5, 6.0))
 
@@ -97,13 +97,13 @@ def temperature_drift(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def lagged(t: Floats, x: Floats, tau: float) -> Floats:
-    """x (T,) through a first-order lag of tau s; t (T,) evenly spaced; starts at x[0]."""
+    """Filter x (T,) by a first-order lag of tau s that starts at x[0]; t (T,) s is evenly spaced."""
     keep = np.exp(-(t[1] - t[0]) / tau)
     return lfilter([1 - keep], [1, -keep], x, zi=[keep * x[0]])[0]
 
 
 def joint_heat(form: str, draw: Draw, scene: Scene) -> Effect:
-    """The bias follows a heat that the joints' own motion makes and that nobody measures. Unlisted."""
+    """Bias that follows unmeasured heat from the motion of the joints. Unlisted."""
     amplitude = uneven(draw, draw.size((0.2, 0.4), (0.8, 1.5), (2.0, 4.0)))
     tau = float(draw.rng.uniform(4, 12))
 
@@ -115,7 +115,7 @@ def joint_heat(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def wandering_bursts(form: str, draw: Draw, scene: Scene) -> Effect:
-    """A loose connector: the bias walks at random during a few bursts and stays where it ends up. Unlisted."""
+    """Loose connector: the bias makes a random walk during a few bursts and keeps its last value. Unlisted."""
     density = uneven(draw, draw.size((0.05, 0.1), (0.2, 0.4), (0.6, 1.2)))
     stream = draw.stream()
     starts = np.sort(draw.rng.uniform(0.05, 0.9, 4)) * scene.duration
@@ -131,7 +131,7 @@ def wandering_bursts(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def mains_hum(form: str, draw: Draw, scene: Scene) -> Effect:
-    """A 50 Hz sine on every channel, its phase its own. Unlisted."""
+    """50 Hz sine with a separate phase on every channel. Unlisted."""
     sizes = draw.size((0.8, 1.2), (1.5, 2.5), (4.0, 6.0)) * draw.rng.uniform(0.4, 1.2, 6) * scene.belief.noise_std
     phase, hz = draw.rng.uniform(0, 2 * np.pi, 6), 50 * (1 + float(draw.rng.normal(0, 2e-4)))
 

@@ -12,29 +12,29 @@ from scipy.spatial.transform import Rotation
 from validation.generator.arms import Floats
 from validation.generator.nominal_model import Tool
 
-SUBSTEP = 5e-4  # s of integration; the simulated wrench has twice that spacing
-SETTLE = 1.0  # s of heavy damping at the start, so that the log does not begin with ringing of the start itself
+SUBSTEP = 5e-4  # s, integration step; the simulated wrench has twice this spacing
+SETTLE = 1.0  # s of heavy damping at the start, so that the log does not begin with the transient of the start
 
 
 @dataclass(frozen=True)
 class Sprung:
-    """A part of the tool that can move against the rest; undeflected, both together are the nominal tool."""
+    """A part of the tool that can move relative to the rest; undeflected, both together are the nominal tool."""
 
     kind: str
     """"lateral": two slides; "pivot": two hinges at the sensor; "hinge": one of them; "pendulum": a bob hanging from
     the centre of mass, whose weight seems to act there."""
     share: float
-    """Of the tool's mass (and inertia)."""
+    """Share of the tool's mass (and inertia) in the moving part."""
     hz: float
-    """Natural frequency with the sensor held still."""
+    """Natural frequency with the sensor held fixed."""
     zeta: float
     """Damping ratio."""
     counterbalanced: bool = False
-    """Gravity does not bend the springs (a constant-force balance does); otherwise the part sags."""
+    """Whether a constant-force balance carries the weight; otherwise gravity deflects the springs and the part sags."""
 
 
 def sprung_mjcf(tool: Tool, sprung: Sprung | None, gravity: Floats) -> tuple[str, str]:
-    """Inertial element of the rigid part and the child body of the moving one (empty without)."""
+    """Return the inertial element of the rigid part and the child body of the moving part (empty without one)."""
     if sprung is None:
         return inertial(tool.mass, tool.com, tool.inertia), ""
     moving = sprung.share * tool.mass
@@ -76,16 +76,16 @@ def swing(
     arm_motion: Callable[[Floats], tuple[Floats, Floats, Floats]],
     t: Floats,
 ) -> tuple[Floats, Floats, Floats]:
-    """Motion of arm and moving part together: qpos, qvel, qacc at the times t (T,), the arm's own motion imposed.
+    """Motion of arm and moving part: qpos, qvel, qacc at the times t (T,) s, with the motion of the arm imposed.
 
-    Hybrid dynamics by MuJoCo's inverse dynamics: with the moving part's accelerations at zero they return the force r
-    that would be needed there; without it, M a = -r. M, the part's own mass matrix, is taken at its rest position.
+    Hybrid dynamics by MuJoCo's inverse dynamics: with zero accelerations of the moving part they return the force r
+    that this requires; without that force, M a = -r. M, the mass matrix of the part, is that of its rest position.
 
     Args:
-        model: arm, tool and part.
-        n: joints of the arm.
-        sprung: the part.
-        arm_motion: true joints at given times.
+        model: model of arm, tool and part.
+        n: number of joints of the arm.
+        sprung: the moving part.
+        arm_motion: true joint motion as a function of time.
         t: s, evenly spaced by a multiple of SUBSTEP.
     """
     every = round((t[1] - t[0]) / SUBSTEP)
@@ -118,7 +118,7 @@ def swing(
 
 
 def _mass_matrix(model: mujoco.MjModel, qpos: Floats, n: int) -> Floats:
-    """Mass matrix of the moving part's freedoms after the first n, at qpos."""
+    """Mass matrix of the moving part's degrees of freedom, those after the first n, at qpos."""
     data = mujoco.MjData(model)
 
     def needed(acceleration: Floats) -> Floats:
@@ -132,7 +132,7 @@ def _mass_matrix(model: mujoco.MjModel, qpos: Floats, n: int) -> Floats:
 
 
 def _weight(model: mujoco.MjModel, data: mujoco.MjData, n: int) -> Floats:
-    """Generalised force of gravity on the moving part's freedoms."""
+    """Generalised force of gravity on the moving part's degrees of freedom."""
     jacobian = np.zeros((3, model.nv))
     part = model.nbody - 1
     mujoco.mj_jacBodyCom(model, data, jacobian, None, part)
@@ -140,7 +140,7 @@ def _weight(model: mujoco.MjModel, data: mujoco.MjData, n: int) -> Floats:
 
 
 def _hanging(model: mujoco.MjModel, qpos: Floats) -> Floats:
-    """Quaternion of the ball joint at which the bob hangs straight down."""
+    """Quaternion of the ball joint with the bob hanging straight down."""
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
@@ -150,7 +150,7 @@ def _hanging(model: mujoco.MjModel, qpos: Floats) -> Floats:
 
 
 def inertial(mass: float, com: Floats, inertia: Floats) -> str:
-    """MuJoCo inertial element: kg, m, kg m^2 about the centre of mass; body axes."""
+    """Return the MuJoCo inertial element: kg, m, kg m^2 about the centre of mass; body axes."""
     xx, xy, xz, yy, yz, zz = inertia[np.triu_indices(3)]
     full = _text(np.array([xx, yy, zz, xy, xz, yz]))
     return f'<inertial pos="{_text(com)}" mass="{float(mass)!r}" fullinertia="{full}"/>'

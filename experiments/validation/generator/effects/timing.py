@@ -20,7 +20,7 @@ def time_delay(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def stamp_jitter(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Forms: "gaussian", "latency" (exponential, its mean known and removed), "bursts" (only now and then, larger)."""
+    """Forms: "gaussian", "latency" (exponential, with its known mean removed), "bursts" (occasional, larger)."""
     std = min(draw.size((0.005, 0.01), (0.012, 0.025), (0.03, 0.06)), 0.15)
     stream = draw.stream()
 
@@ -38,7 +38,7 @@ def stamp_jitter(form: str, draw: Draw, scene: Scene) -> Effect:
 
 
 def dropped_samples(form: str, draw: Draw, scene: Scene) -> Effect:
-    """Forms: "rows" (missing altogether), "repeats" (the last wrench again), "nan", "gaps" (up to 0.2 s at once)."""
+    """Forms: "rows" (missing rows), "repeats" (the last wrench repeated), "nan", "gaps" (up to 0.2 s each)."""
     rate = draw.size((0.03, 0.06), (0.1, 0.15), (0.25, 0.4))
     stream = draw.stream()
 

@@ -1,1 +1,1 @@
-"""Withheld kinds of effects: physics that is in no catalogue, with the drive that a description should find."""
+"""Withheld kinds of effects, whose physics is in no catalogue, with the drive that a description should find."""

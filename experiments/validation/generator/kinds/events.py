@@ -1,4 +1,4 @@
-"""What begins and ends: forces that are switched, parts that are gripped, and drag in one place."""
+"""Intermittent and local effects: switched forces, gripped parts, and drag or contact in one region."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from validation.generator.world import ToolPath, tool_path
 
 
 def spells(form: str, draw: Draw, scene: Scene) -> Floats:
-    """(2 N,) s, when something goes on and off: some ten times in 45 s, 0.5 to 4 s each."""
+    """Draw switching times (2 N,) s, on and off in turn: about ten times per 45 s, on for 0.5 to 4 s each time."""
     count = max(int(draw.rng.integers(7, 12) * scene.duration / 45), 2)
     lengths = draw.rng.uniform(0.5, min(4.0, 0.6 * scene.duration / count), count)
     gaps = draw.rng.dirichlet(np.full(count + 1, 3.0)) * (scene.duration - lengths.sum())
@@ -22,7 +22,7 @@ def spells(form: str, draw: Draw, scene: Scene) -> Floats:
 
 
 def grips(form: str, draw: Draw, scene: Scene) -> Floats:
-    """(N,) s, when a part is gripped and put down in turn: gripped once for good, or picked and placed."""
+    """Draw times (N,) s of gripping and putting down in turn: gripped once for good, or picked and placed."""
     if form == "once":
         return draw.rng.uniform(0.25, 0.75, 1) * scene.duration
     count = 2 * int(draw.rng.integers(1, 4))
@@ -32,14 +32,14 @@ def grips(form: str, draw: Draw, scene: Scene) -> Floats:
 
 
 def on(t: Floats, at: Floats, within: float = 1e-9) -> Floats:
-    """(T,) 1 where switched on an odd number of times; each time takes so many s, along a straight line."""
+    """State (T,): 1 after an odd number of the switching times ``at``, else 0, with linear ramps of ``within`` s."""
     passed = np.clip((t[:, None] - at) / within + 0.5, 0, 1)
     switched: Floats = passed @ (-1.0) ** np.arange(len(at))
     return switched
 
 
 def switched(form: str, p: Any, scene: Scene) -> Hooks:
-    """A jet of air or a small motor on the tool: a force at a point, or a torque, fixed in the tool."""
+    """Air jet or small motor on the tool, switched on and off: a force at a point or a torque, fixed in the tool."""
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
         return p.force * on(path.t, p.at)[:, None] * (path.rotation @ p.axis), path.points(p.point)
@@ -51,7 +51,7 @@ def switched(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def gripped(form: str, p: Any, scene: Scene) -> Hooks:
-    """A part in the hand, kg at a point; the table gives its weight over, and takes it back, in a moment."""
+    """Part in the hand, a point mass in kg, whose weight is taken from and returned to the table within ``lift`` s."""
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
         held = p.mass * on(path.t, p.at, p.lift)
@@ -61,7 +61,7 @@ def gripped(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def thicket_drawn(form: str, draw: Draw, scene: Scene) -> dict[str, Any]:
-    """A place where a point of the tool comes by, and how far it reaches."""
+    """Draw a region that a point of the tool passes through: its middle and its reach, m."""
     point = near_com()(form, draw, scene)
     path = tool_path(scene.world, scene.motion, scene.grid[::50]).points(point)
     middle = path[int(draw.rng.integers(len(path)))]
@@ -70,7 +70,7 @@ def thicket_drawn(form: str, draw: Draw, scene: Scene) -> dict[str, Any]:
 
 
 def thicket(form: str, p: Any, scene: Scene) -> Hooks:
-    """Resistance in one region of space: viscous, or dry with a soft edge."""
+    """Resistance in one region of space with a soft edge: viscous drag or dry friction."""
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
         at, v = path.points(p.point), path.velocity(p.point)
@@ -82,7 +82,7 @@ def thicket(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def bench_drawn(form: str, draw: Draw, scene: Scene) -> dict[str, Any]:
-    """A plane that a point of the tool is beyond for a fifth to a third of the time, and how it is made."""
+    """Draw a plane that a point of the tool is beyond for a fifth to a third of the time, and its material."""
     point = near_com()(form, draw, scene)
     path = tool_path(scene.world, scene.motion, scene.grid[::50]).points(point)
     normal = draw.direction()
@@ -92,7 +92,7 @@ def bench_drawn(form: str, draw: Draw, scene: Scene) -> dict[str, Any]:
 
 
 def bench(form: str, p: Any, scene: Scene) -> Hooks:
-    """A soft surface that is pressed and slid over: a spring, or one that stiffens; friction against the sliding."""
+    """Soft surface that the tool presses and slides on: a linear or stiffening spring, and friction against sliding."""
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
         at, v = path.points(p.point), path.velocity(p.point)

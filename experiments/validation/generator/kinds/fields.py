@@ -1,4 +1,4 @@
-"""Forces and torques of the surroundings: steady ones, fields over the place of the tool, over its orientation."""
+"""Forces and torques of the surroundings: constant, or dependent on the tool's position or orientation."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from validation.generator.world import ToolPath, tool_path
 
 
 def wind_drawn(form: str, draw: Draw, scene: Scene) -> Parameters:
-    """A steady wind, N at a point; some also turn the tool, Nm."""
+    """Draw a steady wind: a force (N) at a point and, in one form, a torque (Nm)."""
     drawn = {"force": directed(1.0), "point": near_com(0.08)} | (
         {"couple": directed(0.1)} if form == "with_couple" else {}
     )
@@ -31,7 +31,7 @@ def wind_drawn(form: str, draw: Draw, scene: Scene) -> Parameters:
 
 
 def wind(form: str, p: Any, scene: Scene) -> Hooks:
-    """A force fixed in base axes, and a torque fixed in base axes."""
+    """Force that is constant in the base frame and, in one form, such a torque."""
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
         return np.broadcast_to(p.force, path.position.shape), path.points(p.point)
@@ -43,7 +43,7 @@ def wind(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def balancer_drawn(form: str, draw: Draw, scene: Scene) -> Parameters:
-    """A tool balancer: a rope under constant tension to a hook."""
+    """Draw a tool balancer: a rope under constant tension to a hook."""
     middle = tool_path(scene.world, scene.motion, scene.grid[::500]).position.mean(0)
     up = -scene.belief.gravity / np.linalg.norm(scene.belief.gravity)
     slanted = up + draw.rng.uniform(-0.6, 0.6, 3)
@@ -57,7 +57,7 @@ def balancer_drawn(form: str, draw: Draw, scene: Scene) -> Parameters:
 
 
 def balancer(form: str, p: Any, scene: Scene) -> Hooks:
-    """The hook follows on a trolley, so that the direction is fixed; or is fixed itself."""
+    """Tension of the rope, in a constant direction (the hook is on a trolley) or towards a hook fixed in space."""
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
         at = path.points(p.point)
@@ -68,7 +68,7 @@ def balancer(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def magnet_drawn(form: str, draw: Draw, scene: Scene) -> Parameters:
-    """A magnet beside a place where a point of the tool comes by."""
+    """Draw a magnet beside the path of a point of the tool."""
     point = near_com()(form, draw, scene)
     core = float(draw.rng.uniform(0.08, 0.2))
     passed = tool_path(scene.world, scene.motion, np.array([draw.rng.uniform(0.2, 0.8) * scene.duration]))
@@ -77,7 +77,7 @@ def magnet_drawn(form: str, draw: Draw, scene: Scene) -> Parameters:
 
 
 def magnet(form: str, p: Any, scene: Scene) -> Hooks:
-    """Attraction to a place, softened in a core: to the end of a long bar, or of a short one."""
+    """Attraction to a point, softened within a core: to the end of a long bar magnet, or of a short one."""
     power = 3 if form == "inverse_square" else 5
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
@@ -90,7 +90,7 @@ def magnet(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def rail(form: str, p: Any, scene: Scene) -> Hooks:
-    """Attraction to a straight line: inverse with the distance, or a bell within a short reach."""
+    """Attraction to a straight line: inverse to the distance, or bell-shaped with a short reach."""
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
         at = path.points(p.point)
@@ -104,7 +104,7 @@ def rail(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def sag(form: str, p: Any, scene: Scene) -> Hooks:
-    """The centre of mass moves along the weight, m at one g: elastically, or loose from stop to stop."""
+    """Centre of mass that moves with gravity by ``shift`` (m at 1 g): elastically, or loosely from stop to stop."""
     gravity = scene.belief.gravity
     weight = scene.belief.tool.mass * gravity
 
@@ -117,7 +117,7 @@ def sag(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def compass(form: str, p: Any, scene: Scene) -> Hooks:
-    """Torque that turns an axis of the tool to a field that is the same everywhere; of soft iron, either end of it."""
+    """Torque that aligns an axis of the tool with a uniform field; soft iron aligns with either end."""
 
     def couple(path: ToolPath) -> Floats:
         pole = path.rotation @ p.axis
@@ -162,6 +162,6 @@ FIELDS = (
         *("compass", "orientation", "base", "torque", ("permanent", "soft_iron")),
         {"torque": times(0.05), "axis": direction, "field": direction},
         compass,
-        equivalent_forms={"permanent": ("constant",)},  # two forces of the field, one on each pole
+        equivalent_forms={"permanent": ("constant",)},  # the field exerts two constant forces, one on each pole
     ),
 )

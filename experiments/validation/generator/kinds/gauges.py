@@ -1,4 +1,4 @@
-"""Errors of the gauges: with the load, with the load and time, at a frequency, in the noise."""
+"""Errors of the gauges that depend on load, on load and time, on a frequency, or that affect the noise."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from validation.generator.world import ToolPath
 
 
 def soft_gauge(form: str, p: Any, scene: Scene) -> Hooks:
-    """Gauges that are not straight, channel by channel: share of the reading at the largest load of the log."""
+    """Nonlinear gauges, each channel separately; ``share``: relative error at the largest load of the log."""
     power = 2 if form == "cubic" else 1
     return {"sensor": lambda w: w + p.share * w * (np.abs(w) / p.load) ** power, "order": BENT}
 
 
 def lopsided(form: str, p: Any, scene: Scene) -> Hooks:
-    """Gauges that read pull and push differently, a kink at zero load; or lose small loads in play."""
+    """Gauges with different gains for pull and push (a kink at zero load), or with a dead zone for small loads."""
 
     def sensor(w: Floats) -> Floats:
         return w + p.share * np.maximum(w, 0) if form == "pull_and_push" else w - p.zone * np.tanh(w / p.zone)
@@ -29,7 +29,7 @@ def lopsided(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def ageing(form: str, p: Any, scene: Scene) -> Hooks:
-    """Gauges that lose their sensitivity, each at its own rate: share of the reading in 30 s, or in all."""
+    """Gauges that lose sensitivity, each at a separate rate; ``share``: share of the reading per 30 s, or in total."""
     t = np.maximum(scene.grid, 0.0)
     course = t / 30.0 if form == "linear" else 1 - np.exp(-t / p.tau)
     factor = 1 + course[:, None] * p.share
@@ -37,7 +37,7 @@ def ageing(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def supply(form: str, p: Any, scene: Scene) -> Hooks:
-    """The voltage of the bridges sags, the same share of every channel: within half a second, or in a slow wave."""
+    """Sagging voltage of the bridges, by one share for all channels: within half a second, or in a slow wave."""
     t = scene.grid
     step = 0.5 + 0.5 * np.tanh((t - p.time) / 0.2)
     course = step if form == "step" else np.sin(2 * np.pi * t / p.period)
@@ -46,7 +46,7 @@ def supply(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def hum(form: str, p: Any, scene: Scene) -> Hooks:
-    """The mains in the amplifier: a sine on every channel, its phase its own, or with 40 % of its third harmonic."""
+    """Mains hum of the amplifier: a sine with a separate phase per channel, alone or with 40 % third harmonic."""
 
     def slow(t: Floats) -> Floats:
         angle = 2 * np.pi * p.hz * t[:, None] + p.phase
@@ -56,7 +56,7 @@ def hum(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def pump(form: str, p: Any, scene: Scene) -> Hooks:
-    """A pump shakes a hose on the tool, along one direction of the base: a sine, or strokes that are nearly square."""
+    """Pump that shakes a hose on the tool along one direction of the base frame: a sine, or nearly square strokes."""
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
         wave = np.sin(2 * np.pi * p.hz * path.t + p.phase)
@@ -67,7 +67,7 @@ def pump(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def rough_bridge(form: str, p: Any, scene: Scene) -> Hooks:
-    """A bad contact: noise that grows with each channel's load or with the force, noise sigmas at the rms load."""
+    """Bad contact: noise that grows with each channel's load or with the force; ``growth``: sigmas at the rms load."""
     load = np.stack([np.interp(scene.stamps, scene.grid, w) for w in scene.nominal.T], 1)
     if form == "force":
         load = np.repeat(np.linalg.norm(load[:, :3], axis=1, keepdims=True), 6, axis=1)
@@ -77,7 +77,7 @@ def rough_bridge(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def radio(form: str, p: Any, scene: Scene) -> Hooks:
-    """A welder or a radio next door: noise that comes in spells, or rises steadily."""
+    """Nearby welder or radio: noise that comes in bursts or rises steadily."""
     t = scene.stamps[:, None]
     on = ((t > p.starts) & (t < p.starts + p.seconds)).any(1) if form == "spells" else t[:, 0] / 15.0
     scale = np.sqrt(1 + (2 * p.growth * on) ** 2)[:, None]
@@ -85,12 +85,12 @@ def radio(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def _top(form: str, draw: Draw, scene: Scene) -> Floats:
-    """(6,) N, Nm: the largest load of the log."""
+    """Largest nominal load (6,) N, Nm of the log per channel."""
     return np.abs(scene.nominal).max(0)
 
 
 def _by_unit(values: Floats, words: str) -> dict[str, Floats]:
-    """Six numbers as those of forces and of torques; UNIT in the words is theirs."""
+    """Split six numbers into forces and torques; UNIT in ``words`` becomes N or Nm."""
     return {words.replace("UNIT", unit): own for unit, own in (("N", values[:3]), ("Nm", values[3:]))}
 
 

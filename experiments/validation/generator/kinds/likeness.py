@@ -1,4 +1,4 @@
-"""Whether another drive says the same in one log: it predicts the extra wrench where it was not fitted."""
+"""Test of whether another drive is equivalent in one log: it predicts the extra wrench on held-out blocks."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from validation.generator.effects.effect import Scene
 from validation.generator.world import ToolPath, tool_path
 
 ENOUGH = 0.9
-"""Of the mean square of the extra wrench."""
+"""Share of the extra wrench's mean square that an equivalent drive has to predict."""
 RATE = 20.0  # Hz at which series are compared
-BLOCK, FOLDS = 1.0, 4  # s; every fourth block is predicted from the others
+BLOCK, FOLDS = 1.0, 4  # s; each fold, every fourth block, is predicted from the others
 
 
 def says_the_same(drive: str, extra: Floats, scene: Scene) -> bool:
-    """Whether the drive, sensor axis by sensor axis, makes an extra wrench (T, 6) at the stamps of the scene.
+    """Whether the drive, fitted to each sensor axis, predicts the extra wrench (T, 6) at the stamps of the scene.
 
     Args:
         drive: "joint_velocity", "angular_velocity" or "orientation".
-        extra: N, Nm.
-        scene: gives the motion.
+        extra: extra wrench, N, Nm.
+        scene: scene with the motion.
     """
     every = max(round(scene.rate / RATE), 1)
     t = scene.stamps[::every]
@@ -29,7 +29,7 @@ def says_the_same(drive: str, extra: Floats, scene: Scene) -> bool:
 
 
 def predicted_share(t: Floats, series: Floats, wrench: Floats) -> float:
-    """Share of the mean square of a wrench (T, 6), less a line in time, that series (T, k) predict on unseen blocks."""
+    """Share of the mean square of a detrended wrench (T, 6) that series (T, k) predict on held-out blocks."""
     line = np.stack([np.ones(len(t)), t / (1 + t[-1])], 1)
     columns = np.concatenate([line, series / np.maximum(np.abs(series).max(0), 1e-12)], 1)
     fold = (t // BLOCK).astype(int) % FOLDS

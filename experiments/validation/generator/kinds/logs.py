@@ -1,4 +1,4 @@
-"""Pairs of labelled logs of one robot and one withheld effect, in two motions, with the wrench that is extra."""
+"""Pairs of labelled logs of one robot and one withheld effect in two motions, with the extra wrench."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from validation.generator.make import Limits, choose_timeline, run_jobs, write_l
 from validation.generator.recording import Timeline, gap_rms, in_sigmas, noiseless, random_scene
 
 SECOND = "second"
-"""Folder of the logs of another motion, in the folder of the set."""
+"""Folder of the logs in another motion, in the folder of the set."""
 EXTRA = "extra"
-"""Folder of what a label says sample by sample, beside the logs."""
+"""Folder, beside the logs, of the part of the labels that is given sample by sample."""
 TRIES, NEAR = 6, 0.05
-"""Searches for the size of an effect, and how near its gap has to come: a share."""
+"""Number of scalings of an effect, and the relative error of its gap at which they stop."""
 
 
 def noise_scale(effect: Effect, scene: Scene) -> Floats:
-    """(T, 6) by what the noise is multiplied."""
+    """Factor (T, 6) by which the effect multiplies the noise."""
     return effect.noise(np.ones((len(scene.stamps), 6)))
 
 
 def gap_sigmas(kind: Kind, effect: Effect, scene: Scene) -> float:
-    """Size of the gap in noise sigmas: of the extra wrench, or of the extra noise where there is no wrench."""
+    """Gap in noise sigmas: of the extra wrench, or of the extra noise if the effect has no extra wrench."""
     if kind.drive == "noise":
         return float(np.sqrt((noise_scale(effect, scene) ** 2 - 1).mean()))
     return in_sigmas(scene, gap_rms(scene, [effect]))
 
 
 def sized(job: Job, scene: Scene, seed: np.random.SeedSequence) -> Parameters:
-    """Parameters of an effect whose gap is as large as asked, or as near as its physics allows."""
+    """Draw the parameters of an effect with the requested gap, or one as near as its physics allows."""
     kind, scale = KINDS[job.kind], 0.3
     for _ in range(TRIES):
         parameters = kind.draw(job.form, Draw(np.random.default_rng(seed), 1, scale), scene)
@@ -51,7 +51,7 @@ def sized(job: Job, scene: Scene, seed: np.random.SeedSequence) -> Parameters:
 
 
 def make_pair(index: int, job: Job, seed: int, limits: Limits, folder: Path) -> tuple[str, dict[str, dict[str, Any]]]:
-    """Write the logs number ``index``, their setups and extra wrenches; their name and both labels."""
+    """Write the logs number ``index``, their setups and extra wrenches; returns their name and both labels."""
     seeds = np.random.SeedSequence([seed, 3, index]).spawn(12)
     rng = np.random.default_rng(seeds[0])
     kind = KINDS[job.kind]
@@ -75,7 +75,7 @@ def make_pair(index: int, job: Job, seed: int, limits: Limits, folder: Path) -> 
 
 
 def _motion(kind: Kind, rng: np.random.Generator) -> tuple[str, float]:
-    """Kind of motion and pace; brisk where the effect would not show otherwise."""
+    """Draw the kind of motion and its pace; brisk if the effect needs motion to show."""
     if kind.brisk:
         return str(rng.choice(["sines", "moves", "trapezoids"])), rng.uniform(1.2, 1.8)
     return str(rng.choice(["sines", "moves", "trapezoids", "scan"], p=[0.3, 0.3, 0.25, 0.15])), rng.uniform(0.7, 1.4)
@@ -90,7 +90,7 @@ def _write(
     timeline: Timeline,
     seed: np.random.SeedSequence,
 ) -> dict[str, Any]:
-    """Write one log, its setup and its extra wrench; its label."""
+    """Write one log, its setup and its extra wrench; returns its label."""
     label, clean, noise_rms = write_log(folder, name, scene, [effect], timeline, seed)
     sign = -1.0 if scene.belief.reports == "wrench_on_sensor" else 1.0
     bare = noiseless(scene, ()).wrench
@@ -116,13 +116,13 @@ def _write(
 
 
 def equivalents(kind: Kind, effect: Effect, extra: Floats, scene: Scene) -> list[str]:
-    """Drives that say the same of this effect in this motion; extra: (T, 6) N, Nm at the stamps."""
+    """Drives that are equivalent for this effect in this motion; extra: extra wrench (T, 6) N, Nm at the stamps."""
     always = kind.equivalent + kind.equivalent_forms.get(effect.form, ())
     return [*always, *(drive for drive in kind.sometimes if says_the_same(drive, extra, scene))]
 
 
 def oracle_shrink(gap: float, noise_rms: Floats, noise_std: Floats) -> float:
-    """What is gained by who subtracts the extra wrench exactly: 1 but for noise that is not as large as stated."""
+    """Shrink of an oracle that subtracts the extra wrench exactly: 1, unless the noise is not as large as stated."""
     after = float(((noise_rms / noise_std) ** 2).mean()) - 1
     return float(np.clip(1 - after / (after + gap**2), 0, 1)) if after + gap**2 > 0 else 1.0
 
@@ -136,15 +136,15 @@ def make_set(
     jobs: int = 1,
     report: Callable[[int], None] = lambda done: None,
 ) -> None:
-    """Write logs of withheld kinds with setups, labels and extra wrenches, and a second log of each in ``SECOND``.
+    """Write logs of withheld kinds with setups, labels and extra wrenches, and a second log for each in ``SECOND``.
 
     Args:
-        folder: an existing one.
-        which: "seen", "unseen" or "all" kinds.
-        count: pairs of logs.
-        seed: the same makes the same logs, whatever ``jobs`` is.
+        folder: an existing folder.
+        which: "seen", "unseen", "all" or "events", the kinds.
+        count: number of pairs of logs.
+        seed: the same seed makes the same logs, whatever ``jobs`` is.
         limits: durations, rates, streams.
-        jobs: processes.
+        jobs: number of processes.
         report: called with the number of pairs that are finished.
     """
     for extra in (folder / EXTRA, folder / SECOND / EXTRA):

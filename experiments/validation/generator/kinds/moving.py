@@ -1,4 +1,4 @@
-"""What motion costs: hoses, brakes, spinning wheels, air carried along, loads that swing, seals and twisted cables."""
+"""Effects of motion: hoses, brakes, spinning wheels, entrained air, swinging loads, seals and twisted cables."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from validation.generator.world import ToolPath
 
 
 def hose(form: str, p: Any, scene: Scene) -> Hooks:
-    """A hose pulled through something that resists: against the velocity of a point, or its square, N s^2/m^2."""
+    """Hose pulled through a resistance: drag linear in a point's velocity (N s/m) or in its square (N s^2/m^2)."""
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
         v = path.velocity(p.point)
@@ -38,8 +38,8 @@ def hose(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def trailing(form: str, p: Any, scene: Scene) -> Hooks:
-    """A cable dragged over the table, N against the velocity; one that sticks pulls twice as much when it is slow."""
-    creep = 0.005  # m/s below which it does not slip
+    """Cable dragged over the table: friction (N) against the velocity; if it sticks, twice as large at low speed."""
+    creep = 0.005  # m/s below which the cable does not slip
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
         v = path.velocity(p.point)
@@ -51,7 +51,7 @@ def trailing(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def spindle(form: str, p: Any, scene: Scene) -> Hooks:
-    """Gyroscopic torque of a steady speed, or of one that rises and falls by half: its reaction is felt, too."""
+    """Gyroscopic torque of a wheel at constant speed, or at a speed that varies by half, with its reaction torque."""
     top = p.momentum / p.inertia
     swing = 0.5 if form == "surging" else 0.0
 
@@ -62,7 +62,7 @@ def spindle(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def eddy_brake(form: str, p: Any, scene: Scene) -> Hooks:
-    """A tool that turns in a magnetic field or a thick liquid: against the angular velocity, or its square."""
+    """Tool that turns in a magnetic field or a viscous liquid: torque against the angular velocity, or its square."""
 
     def couple(path: ToolPath) -> Floats:
         omega = path.angular_velocity()
@@ -73,7 +73,7 @@ def eddy_brake(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def entrained(form: str, p: Any, scene: Scene) -> Hooks:
-    """Water or air carried along, kg against the acceleration of a point; by a plate, only along its normal."""
+    """Entrained water or air: added mass (kg) against the acceleration of a point; for a plate, along its normal."""
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
         a = path.acceleration(p.point)
@@ -86,14 +86,14 @@ def entrained(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def dangling(form: str, p: Any, scene: Scene) -> Hooks:
-    """A part of the tool's mass hangs as in a half-filled bottle, or is on soft springs across the tool, balanced."""
+    """Part of the tool's mass hangs as in a half-filled bottle, or is on soft lateral springs, its weight balanced."""
     kind = "pendulum" if form == "pendulum" else "lateral"
     part = Sprung(kind, p.share, p.hz, p.zeta, counterbalanced=kind == "lateral")
     return {"world": lambda world: replace(world, sprung=part)}
 
 
 def bundle(form: str, p: Any, scene: Scene) -> Hooks:
-    """Cables through the last joint, twisted with it: Nm/rad, or Nm/rad^3."""
+    """Cables through the last joint, twisted by it: stiffness in Nm/rad, or in Nm/rad^3."""
     axis = last_axis(scene.world)
 
     def couple(path: ToolPath) -> Floats:
@@ -105,7 +105,7 @@ def bundle(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def seal(form: str, p: Any, scene: Scene) -> Hooks:
-    """A rotary feedthrough around the last joint whose housing does not turn: Nm s/rad, or Nm against its speed."""
+    """Rotary feedthrough on the last joint with a fixed housing: friction against its speed, Nm s/rad or Nm."""
     axis = last_axis(scene.world)
 
     def couple(path: ToolPath) -> Floats:
@@ -142,7 +142,7 @@ MOVING = (
             "period": between(6.0, 12.0),
         },
         spindle,
-        known=lambda form, p: {"Nm_per_rad_s": p.momentum * p.axis},  # its mean where it surges
+        known=lambda form, p: {"Nm_per_rad_s": p.momentum * p.axis},  # its mean in the form "surging"
         sometimes=("joint_velocity",),
         brisk=True,
     ),

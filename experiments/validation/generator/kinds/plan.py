@@ -1,4 +1,4 @@
-"""All withheld kinds, and which log shows which, in which form, and how large: fixed by the seed alone."""
+"""All withheld kinds, and the assignment of kind, form and size to the logs, determined by the seed alone."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from validation.generator.kinds.moving import MOVING
 from validation.generator.kinds.slow import SLOW
 
 ALL_ALONG = {kind.name: kind for kind in (*FIELDS, *MOVING, *SLOW, *GAUGES)}
-"""Two for every drive of a description, one of them unseen until the end; no name is one of a catalogue."""
+"""Kinds that act throughout a log: two per drive, one of them unseen until the end; none is named in a catalogue."""
 KINDS = ALL_ALONG | {kind.name: kind for kind in EVENTS}
-"""With those that begin and end, or act in one place."""
+"""All kinds, including those that are intermittent or act in one region."""
 
 SMALLEST, LARGEST = 0.3, 10.0
-"""Noise sigmas of gap; evenly spread on the scale of the logarithm."""
+"""Range of the gaps in noise sigmas, spread evenly on a logarithmic scale."""
 LARGEST_NOISE = 4.0
-"""The same of a kind that only adds noise, from 0.5 on: fainter noise is not seen in a short log."""
+"""Largest gap of a kind that only adds noise; the smallest is 0.5, because a short log does not show fainter noise."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """What one log is to show."""
+    """Kind, form and size of the effect in one log."""
 
     kind: str
     form: str
@@ -33,19 +33,19 @@ class Job:
 
 
 def chosen(which: str) -> list[str]:
-    """Names of the kinds that are "seen", "unseen", "all" of these, or "events"."""
+    """Return the names of the kinds that are "seen", "unseen", "all" of these, or "events"."""
     if which == "events":
         return [kind.name for kind in EVENTS]
     return [name for name, kind in ALL_ALONG.items() if which == "all" or kind.unseen == (which == "unseen")]
 
 
 def make_plan(which: str, count: int, seed: int) -> list[Job]:
-    """``count`` jobs: kinds and forms in turn, sizes evenly spread, all in random order.
+    """Draw ``count`` jobs in random order, with kinds and forms in turn and evenly spread sizes.
 
     Args:
         which: "seen", "unseen", "all" or "events".
-        count: logs.
-        seed: the same makes the same plan.
+        count: number of logs.
+        seed: the same seed makes the same plan.
     """
     rng = np.random.default_rng([seed, 2])
     names = chosen(which)

@@ -1,4 +1,4 @@
-"""Causes that follow time, temperature or the joints behind the sensor."""
+"""Causes that depend on time, temperature or the joints of the arm."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from validation.generator.kinds.kind import (
 )
 from validation.generator.world import ToolPath
 
-REFERENCE = 25.0  # deg C at which the gauges were calibrated
+REFERENCE = 25.0  # deg C, calibration temperature of the gauges
 
 
 def dispenser(form: str, p: Any, scene: Scene) -> Hooks:
-    """A glue cartridge on the tool becomes empty: kg in 30 s, or in all by an exponential."""
+    """Glue cartridge on the tool that empties: loss in kg per 30 s, or in total along an exponential."""
 
     def load(path: ToolPath) -> tuple[Floats, Floats]:
         t = np.maximum(path.t, 0.0)
@@ -39,7 +39,7 @@ def dispenser(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def regulator(form: str, p: Any, scene: Scene) -> Hooks:
-    """A pressure regulator that hunts: a bias that repeats."""
+    """Pressure regulator that hunts: a periodic bias, N, Nm."""
 
     def slow(t: Floats) -> Floats:
         wave = np.sin(2 * np.pi * t / p.period)
@@ -49,7 +49,7 @@ def regulator(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def warm_side(form: str, p: Any, scene: Scene) -> Hooks:
-    """Heat reaches one side first: a bias by how fast the temperature changes, or by the square of what it is off."""
+    """Heat reaches one side first: a bias by temperature less its lagged value, or by its squared deviation."""
 
     def slow(t: Floats) -> Floats:
         kelvin = scene.temperature(t)
@@ -60,7 +60,7 @@ def warm_side(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def warm_gauge(form: str, p: Any, scene: Scene) -> Hooks:
-    """Gauges whose sensitivity depends on the temperature: share a kelvin, or a tenth of its square."""
+    """Temperature-dependent sensitivity of the gauges: share of the reading per K, or per 10 K^2."""
     kelvin = scene.temperature(scene.grid) - REFERENCE
     course = kelvin if form == "linear" else kelvin**2 / 10
     factor = 1 + course[:, None] * p.per_kelvin
@@ -68,7 +68,7 @@ def warm_gauge(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def cogging(form: str, p: Any, scene: Scene) -> Hooks:
-    """The flexible gear of one joint pulls at the sensor as often as its teeth pass, and also twice as often."""
+    """Ripple of one joint's flexible gear: at its tooth-passing frequency, or also at twice that frequency."""
     angle = p.per_turn * scene.motion(scene.grid)[0][:, p.joint - 1, None]
     wave = p.cosine * np.cos(angle) + p.sine * np.sin(angle)
     if form == "two_harmonics":
@@ -77,7 +77,7 @@ def cogging(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def warm_motors(form: str, p: Any, scene: Scene) -> Hooks:
-    """A bias that follows squared joint speeds, late: N, Nm per rad^2/s^2, of all joints or of one."""
+    """Bias that follows squared joint speeds with a lag: N, Nm per rad^2/s^2, of all joints or of one."""
 
     def slow(t: Floats) -> Floats:
         squared = scene.motion(t)[1] ** 2
@@ -88,7 +88,7 @@ def warm_motors(form: str, p: Any, scene: Scene) -> Hooks:
 
 
 def _joint(first: int) -> Sampler:
-    """The number of a joint from 1, at random after so many; negative: of the last ones."""
+    """Sampler of a joint number from 1, after the first ``first`` joints; negative: among the last ones."""
 
     def sample(form: str, draw: Draw, scene: Scene) -> int:
         count = len(scene.belief.arm.home)

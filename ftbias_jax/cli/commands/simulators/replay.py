@@ -7,7 +7,7 @@ import numpy as np
 
 from ftbias_jax.cli.commands.simulators.export import found_setup, scene_of
 from ftbias_jax.cli.given import logs_of, setup_of, start_jax, write_answers
-from ftbias_jax.cli.terminal import tell_repairs
+from ftbias_jax.cli.terminal import print_repairs
 from ftbias_jax.errors import SetupError, UsageError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.atomic import write_json
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     origin = provenance(setup, [source_of(log)], {"replayed": Path(scene.file).name}, [Path(path).name])
     save_npz(arguments.output, arrays | texts_of_log(arrays, setup.sensor.reports, origin))
     print(f"wrote {arguments.output}")
-    return tell_repairs([(path, log.repairs)])
+    return print_repairs([(path, log.repairs)])
 
 
 def validate(arguments: argparse.Namespace) -> int:
@@ -81,4 +81,4 @@ def validate(arguments: argparse.Namespace) -> int:
         write_json(path, {"versions": origin["version"], "logs": origin["logs"], **found.plain()})
 
     write_answers({arguments.json: write})
-    return tell_repairs((path, log.repairs) for path, log in zip(paths, logs, strict=True))
+    return print_repairs((path, log.repairs) for path, log in zip(paths, logs, strict=True))

@@ -6,7 +6,7 @@ act along their own directions; or (T, 6) for channels, each of which acts on it
 
 from typing import Any
 
-from ftbias_jax.model.effects.responses import low_passed, swing, swing_forgets
+from ftbias_jax.model.effects.responses import decay_time, low_passed, swing
 from ftbias_jax.model.effects.terms.types import Form, Make, Numbers, Parameter, State
 from ftbias_jax.types import Array
 
@@ -252,7 +252,7 @@ FORMS = {
         Form("angular_velocity", "coulomb", "vectors", "1", _dry("angular_velocity"), (TURN,)),
         Form("angular_velocity", "gyroscopic", "vectors", "rad/s", _gyroscopic, (), XYZ),
         Form("acceleration", "linear", "vectors", "m/s^2", _along("acceleration")),
-        Form("acceleration", "swing", "vectors", "m/s^2", _swinging, SWING, forgets=lambda p: swing_forgets(**p)),
+        Form("acceleration", "swing", "vectors", "m/s^2", _swinging, SWING, forgets=lambda p: decay_time(**p)),
         Form("acceleration", "trailing", "vectors", "m/s^2", _trailing, (LAG,), forgets=lambda p: p["lag"]),
         Form("acceleration", "payload", "vectors", "m/s^2", _payload, (TIME, TAKES)),
         Form("acceleration", "turning", "vectors", "rad/s^2", _along("angular_acceleration")),

@@ -8,10 +8,10 @@ from made_states import still_state
 from small_fits import at_its_best
 
 from ftbias_jax.diagnosis.regression.design_matrix import Columns
-from ftbias_jax.diagnosis.regression.score_test import gains, stand
+from ftbias_jax.diagnosis.regression.score_test import gains, prepare_fit
 from ftbias_jax.diagnosis.regression.whitening import Whitener
+from ftbias_jax.diagnosis.terms.dictionary import _arms, _gains, make_dictionary
 from ftbias_jax.diagnosis.terms.grid import make_term
-from ftbias_jax.diagnosis.terms.library import _arms, _gains, make_library
 from ftbias_jax.model.effects.terms.columns import columns
 
 BINS = 60
@@ -47,8 +47,8 @@ def test_gains_of_a_whole_grid_are_those_of_each_terms_columns(problem, state, s
     rng = np.random.default_rng(series)
     fit = at_its_best(rng, 2, BINS)
     fit = fit._replace(columns=Columns(fit.columns.moving, rng.normal(size=(series, BINS, 6))))
-    prepared_fit = stand(fit)
-    for term, found in zip(TERMS, _gains(make_library(problem, state, TERMS), prepared_fit), strict=True):
+    prepared_fit = prepare_fit(fit)
+    for term, found in zip(TERMS, _gains(make_dictionary(problem, state, TERMS), prepared_fit), strict=True):
         own = columns(np, term, state).transpose(1, 0, 2)
         if (term.acts_as == "force" and term.form != "wave") or term.form == "steady":
             vectors = own[: 3 if term.form == "steady" else None, :, :3].transpose(1, 0, 2)

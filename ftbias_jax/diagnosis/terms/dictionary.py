@@ -11,7 +11,7 @@ from ftbias_jax.diagnosis.regression.design_matrix import channels_first
 from ftbias_jax.diagnosis.regression.evaluate import whiten_lanes
 from ftbias_jax.diagnosis.regression.score_test import Gains, PreparedFit
 from ftbias_jax.diagnosis.terms.grid import free_names
-from ftbias_jax.diagnosis.thresholds import LEAST_ENTRY, MOST_NUMBERS, NATS_PER_DEGREE, SHARE_PER_NUMBER
+from ftbias_jax.diagnosis.thresholds import LEAST_ENTRY, MOST_NUMBERS, PENALTY_PER_PARAMETER, SHARE_PER_NUMBER
 from ftbias_jax.model.effects.terms.columns import (
     acts_on_channels,
     channel_series,
@@ -59,7 +59,7 @@ class Ranked(NamedTuple):
     term: Term
 
 
-class Library(NamedTuple):
+class Dictionary(NamedTuple):
     """Whitened lanes in single precision."""
 
     trials: list[Trial]
@@ -73,7 +73,7 @@ Place = Callable[[tuple[object, ...], Callable[[], np.ndarray]], range]
 """(key of the lanes, function that makes them (U, L, 6)) -> indices of the lanes, which are reused if they exist."""
 
 
-def make_library(problem: Problem, state: State, terms: list[Term]) -> Library:
+def make_dictionary(problem: Problem, state: State, terms: list[Term]) -> Dictionary:
     """Whiten the lanes that the terms need; columns that act on different channels share a lane."""
     pieces: list[np.ndarray] = []
     places: dict[tuple[object, ...], range] = {}
@@ -88,7 +88,7 @@ def make_library(problem: Problem, state: State, terms: list[Term]) -> Library:
     trials = [_trial(term, state, place) for term in terms]
     white = np.concatenate([np.zeros((6, 0, len(problem.t)), np.float32), *pieces], 1)
     whiten_lanes(problem, white)
-    return Library(trials, white, [_products(white, trial) for trial in trials])
+    return Dictionary(trials, white, [_products(white, trial) for trial in trials])
 
 
 def _trial(term: Term, state: State, place: Place) -> Trial:
@@ -123,28 +123,28 @@ def _products(white: np.ndarray, trial: Trial) -> np.ndarray:
     return np.where(both, of_lanes[:, place[:, None], place], 0).sum(0, dtype=float)
 
 
-def rank(library: Library, prepared_fit: PreparedFit) -> list[Ranked]:
+def rank(dictionary: Dictionary, prepared_fit: PreparedFit) -> list[Ranked]:
     """Every term of the grid in addition to a fit, best first."""
-    pairs = zip(library.trials, _gains(library, prepared_fit), strict=True)
-    return sorted((_judge(trial, prepared) for trial, prepared in pairs), key=lambda ranked: -ranked.merit)
+    pairs = zip(dictionary.trials, _gains(dictionary, prepared_fit), strict=True)
+    return sorted((_ranked(trial, prepared) for trial, prepared in pairs), key=lambda ranked: -ranked.merit)
 
 
-def _gains(library: Library, prepared_fit: PreparedFit) -> list[Gains]:
+def _gains(dictionary: Dictionary, prepared_fit: PreparedFit) -> list[Gains]:
     """Gains of every trial's columns in addition to a fit, from one product of all lanes with the fit."""
-    if not library.trials:
+    if not dictionary.trials:
         return []
-    fit, white = prepared_fit.fit, library.white
+    fit, white = prepared_fit.fit, dictionary.white
     own = channels_first(np.concatenate([fit.error[None], fit.columns.moving])).astype(np.float32)
     series = channels_first(fit.columns.series).astype(np.float32)
     of_moving, of_series = (white @ x.transpose(0, 2, 1) for x in (own, series))
-    lanes, acts = (np.concatenate([getattr(trial, name) for trial in library.trials]) for name in ("lanes", "acts"))
+    lanes, acts = (np.concatenate([getattr(trial, name) for trial in dictionary.trials]) for name in ("lanes", "acts"))
     by_moving = np.einsum("mk,kmf->mf", acts.astype(float), of_moving[:, lanes])
     by_series = (acts[:, None] * of_series[:, lanes].transpose(1, 2, 0)).reshape(len(lanes), -1)
     shared = np.concatenate([by_moving[:, 1:], by_series], 1)
     taken = prepared_fit.information.solve(shared.T).T
     pull = by_moving[:, 0] - taken @ prepared_fit.pull
-    ends = np.cumsum([len(trial.lanes) for trial in library.trials])[:-1]
-    pieces = zip(library.normals, *(np.split(x, ends) for x in (shared, taken, pull)), strict=True)
+    ends = np.cumsum([len(trial.lanes) for trial in dictionary.trials])[:-1]
+    pieces = zip(dictionary.normals, *(np.split(x, ends) for x in (shared, taken, pull)), strict=True)
     return [Gains(normal - a @ b.T, c, b.T) for normal, a, b, c in pieces]
 
 
@@ -153,7 +153,7 @@ def merit_of(gain: float, numbers: int) -> float:
 
     Counting times matters: switching whenever a joint reverses mimics that joint's friction, which has two parameters.
     """
-    return gain * (1 - SHARE_PER_NUMBER * numbers) - NATS_PER_DEGREE * numbers
+    return gain * (1 - SHARE_PER_NUMBER * numbers) - PENALTY_PER_PARAMETER * numbers
 
 
 def times_of(term: Term) -> int:
@@ -161,7 +161,7 @@ def times_of(term: Term) -> int:
     return np.size(term.parameters["time"]) if "time" in term.parameters else 0
 
 
-def _judge(trial: Trial, prepared: Gains) -> Ranked:
+def _ranked(trial: Trial, prepared: Gains) -> Ranked:
     term, count = trial.term, len(trial.lanes) - trial.arms
     numbers = len(free_names(term)) + times_of(term)
     if trial.arms:
