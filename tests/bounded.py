@@ -6,12 +6,12 @@ import time
 from contextlib import contextmanager
 
 _BYTES = 1 if sys.platform == "darwin" else 1024
-"""Of the unit in which the system counts memory."""
+"""Bytes per unit in which the system counts memory."""
 
 
 @contextmanager
 def bounded(seconds=60.0, mebibytes=1 << 20):
-    """Work takes less time, and less memory beyond the most that the process has had."""
+    """Check that the work takes less time, and less memory beyond the peak of the process so far."""
     before, started = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.perf_counter()
     yield
     assert time.perf_counter() - started < seconds

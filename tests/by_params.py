@@ -1,4 +1,4 @@
-"""Logs filtered with parameters at hand, for the tests of what needs no setup."""
+"""Logs filtered with given parameters, for tests that need no setup."""
 
 import jax
 import numpy as np
@@ -13,7 +13,7 @@ from ftbias_jax.filtering.samples import samples_of
 
 
 def found_in(params, log, options=DEFAULT_OPTIONS, method=AS_STATED):
-    """Parameters, states and infos of a log, which go on with padding; NumPy arrays."""
+    """Parameters, states and infos of a log without its padding; NumPy arrays."""
     samples = samples_of(params, without_useless(log, params))
     found = filter_samples(params, samples, options, method=method, layout=layout_of(np.diff(log.t)))
     return jax.tree.map(np.asarray, found)
@@ -26,7 +26,7 @@ def filter_with_params(params, log, options=DEFAULT_OPTIONS):
 
 
 def part_of(filtered, rows):
-    """The result at some of its samples."""
+    """The result at some of its samples (rows)."""
     named = {name: getattr(filtered, name) for name in ARRAYS}
     return Filtered(**{name: x[rows] if np.ndim(x) else x for name, x in named.items()})
 
@@ -34,6 +34,6 @@ def part_of(filtered, rows):
 def smooth_bias(params, samples, options=DEFAULT_OPTIONS):
     """Bias and drift given the whole log, on smoothed joints: means and standard deviations (T, 2, 6)."""
     method = ("smooth_joints", "filter_bias", "smooth_bias")
-    layout = Layout(25, 0.05)  # of blocks, of which there are none
+    layout = Layout(25, 0.05)  # of blocks, which are not used here
     states = filter_samples(params, samples, options, method=method, layout=layout)[1]
     return states.bias_smooth, states.bias_smooth_std

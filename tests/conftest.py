@@ -1,9 +1,9 @@
 import os
 from importlib.metadata import version
 
-# Before NumPy is imported: workers whose threads of BLAS wait for one another take twice as long.
+# Before NumPy is imported: workers whose BLAS threads wait for one another take twice as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# Most of a test is waiting for XLA. A version that does not know a flag would end the process.
+# Most of a test's time is compilation by XLA. A version that does not know a flag would end the process.
 if version("jax").startswith("0.10."):
     os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false")
 
@@ -31,12 +31,12 @@ from ftbias_jax.types import Array, Sample
 
 pytest_plugins = ["made_diagnoses", "labelled_sets"]
 
-# The tests run in float64 and forbid silent broadcasting; the package itself touches no flag (test_layers.py).
+# The tests run in float64 and forbid silent broadcasting; the package itself sets no flag (test_layers.py).
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 PROGRAMS = "FTBIAS_TEST_PROGRAMS"
-"""Names the folder of compiled programs that workers share, and several runs where it is set beforehand."""
+"""Name the folder of compiled programs, shared by workers, and by several runs if it is set beforehand."""
 LEAST_COMPILE_SECONDS = 0.3
 
 
@@ -54,13 +54,13 @@ def pytest_unconfigure(config):
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Programs of short tests are compiled in half of the time; those of long ones are called often."""
+    """Compile programs of short tests in half the time; those of long tests are called often."""
     with nullcontext() if "slow" in item.keywords else compiled_for_few_calls():
         return (yield)
 
 
 MOST_MAPPINGS = 20_000
-"""Linux gives a process 65,530 pieces of memory. A compiled program takes dozens; where none is left, XLA ends it."""
+"""Linux allows a process 65,530 memory mappings. A compiled program takes dozens; if none is left, XLA ends it."""
 
 
 def pytest_runtest_teardown(item, nextitem):
@@ -86,7 +86,7 @@ class Moving(NamedTuple):
 
 
 class LinearGaussian(NamedTuple):
-    """x_i = A_i x_{i-1} + m_i, y_i = C x_i + n_i, and what a textbook says of it; NaN in y = not measured.
+    """x_i = A_i x_{i-1} + m_i, y_i = C x_i + n_i, with textbook estimates; NaN in y = not measured.
 
     The first A and Q lead from the prior to the first sample. Noise R is (T, m, m).
     """
@@ -99,7 +99,7 @@ class LinearGaussian(NamedTuple):
     covariance: Array
 
     def filtered(self, y: Array) -> tuple[Array, Array]:
-        """Means (T, k) and covariances (T, k, k) by the Kalman filter as textbooks print it, rows of NaN removed."""
+        """Means (T, k) and covariances (T, k, k) by the textbook Kalman filter, with rows of NaN removed."""
         x, P, kept = self.mean, self.covariance, []
         for A, Q, R, y_i in zip(self.A, self.Q, self.R, y, strict=True):
             x, P = A @ x, A @ P @ A.T + Q
@@ -111,7 +111,7 @@ class LinearGaussian(NamedTuple):
         return tuple(np.stack(part) for part in zip(*kept, strict=True))
 
     def together(self, y: Array) -> tuple[Array, ...]:
-        """Of the one normal distribution of all states: mean, covariance, C, y - C mean, and covariance of that."""
+        """Joint normal distribution of all states: mean, covariance, C, y - C mean, and the covariance of that."""
         steps, k = len(y), len(self.mean)
         means, blocks = [], np.empty((steps, k, steps, k))
         mean, covariance = self.mean, self.covariance
@@ -148,7 +148,7 @@ def linear_gaussian() -> type[LinearGaussian]:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """The recorded and simulated logs that a newcomer's checkout does not have."""
+    """The recorded and simulated logs, which are not part of a checkout."""
     shared = os.environ.get("FTBIAS_SHARED") or Path(__file__).parents[1] / ".." / "shared"
     data = Path(shared) / "data"
     if not data.is_dir():
@@ -192,7 +192,7 @@ def moving(arm: Arm) -> Moving:
 
 @pytest.fixture(scope="session")
 def params() -> Params:
-    """A small arm (quick to compile) with a tool; every leaf has a value of its own, so that a mix-up shows."""
+    """A small arm (quick to compile) with a tool; every leaf has a different value, so that a mix-up shows."""
     rng = np.random.default_rng(4)
 
     def spread(scale: Array, n: int) -> Array:
@@ -222,7 +222,7 @@ def samples() -> Sample:
     q = 0.5 * np.sin(2 * t + [0, 1, 2]) + 1e-4 * rng.normal(size=(count, 3))
     dq = np.cos(2 * t + [0, 1, 2]) + 2e-3 * rng.normal(size=(count, 3))
     wrench = 3 * rng.normal(size=6) + np.repeat([0.3, 0.02], 3) * rng.normal(size=(count, 6))
-    dq[5:9] = np.nan  # a stream that stops
+    dq[5:9] = np.nan  # the stream stops
     q[12, 1] = np.nan  # one joint
     wrench[3::4] = np.nan  # a stream at a lower rate
     wrench[20:30, 2] = np.nan  # one axis
@@ -233,7 +233,7 @@ def samples() -> Sample:
 
 @pytest.fixture(scope="session")
 def make_setup() -> Callable[..., Setup]:
-    """The arm of the recordings, joints base and elbow, with sections of the setup replaced."""
+    """The arm of the recordings, with joints base and elbow, and with sections of the setup replaced."""
     return lambda **sections: parse_setup({**small_archive.TABLES, **sections})
 
 
@@ -245,7 +245,7 @@ def setup(make_setup: Callable[..., Setup]) -> Setup:
 
 @pytest.fixture
 def logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with three logs at two depths, and the setup; the work is done in the folder above."""
+    """A folder with three logs at two depths, and the setup; the current folder is the one above."""
     monkeypatch.chdir(tmp_path)
     for seed, name in enumerate(["b.npz", "day/a.npz", "day/c.npz"]):
         small_archive.write_log(tmp_path / "logs" / name, seed)

@@ -16,7 +16,7 @@ T = np.arange(4000) / 200.0
 
 
 def recorder(params: Params, seed: int, temperature: Array | None = None) -> Callable[[Values | None], Log]:
-    """(effects or None) -> the log of one motion with these effects; the noise is the same in all."""
+    """(effects or None) -> the log of one motion with these effects, always with the same noise."""
     trajectory = trajectories.excitation_sines(
         jax.random.key(seed),
         jnp.array(T),

@@ -38,7 +38,7 @@ def make_said() -> Callable[..., dict]:
 
 @pytest.fixture
 def make_set(tmp_path) -> Callable[..., object]:
-    """A folder of empty logs with setups and the given labels; the diagnosis is to be a made-up one."""
+    """A folder of empty logs with setups and the given labels; their diagnosis is to be made up."""
 
     def make(labels: dict[str, dict], truth: bool = True):
         for name in labels:

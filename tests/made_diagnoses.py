@@ -31,7 +31,7 @@ def candidate(effect: str = "tool_mass", gain: float = 1.93, **changes) -> Candi
 
 @pytest.fixture(scope="session")
 def make_diagnosis() -> MakeDiagnosis:
-    """A diagnosis of made-up logs; any field may be given."""
+    """A diagnosis of made-up logs, with any fields replaced."""
 
     def make(logs: int = 1, bins: int = 2000, **changes) -> Diagnosis:
         rng = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""Errors of predictions that are made up."""
+"""Made-up errors of predictions."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""An MJCF as an owner has it: classes of defaults, degrees, a mesh with density, an include, comments, others."""
+"""An MJCF as users have it: classes of defaults, degrees, a mesh with density, an include, comments, other bodies."""
 
 import numpy as np
 
@@ -104,10 +104,10 @@ def write(folder, scene=SCENE):
 
 
 def reading_of_mujoco(model, joints, q, dq, ddq, force="force", torque="torque"):
-    """(T, 6) N, Nm: what MuJoCo's force and torque sensors read with these joints (T, n), the others at rest."""
+    """(T, 6) N, Nm: readings of MuJoCo's force and torque sensors at these joints (T, n), with the others at rest."""
     import mujoco
 
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)  # poses at random collide
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)  # random poses collide
     data, rows = mujoco.MjData(model), []
     at = [model.jnt_qposadr[model.joint(name).id] for name in joints]
     speed = [model.jnt_dofadr[model.joint(name).id] for name in joints]

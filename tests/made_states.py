@@ -1,4 +1,4 @@
-"""What drives see of made-up logs."""
+"""Made-up motion states on which the drives of terms depend."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from ftbias_jax.types import Array
 
 
 def still_state(q: Array, position: Array) -> State:
-    """Sensor axes are base axes, one joint at q (T,) rad, a sample a second; whatever else moves stands still."""
+    """Sensor axes equal base axes; one joint at q (T,) rad, one sample per second; everything else is at rest."""
     count, zero = len(q), np.zeros((len(q), 3))
     still = dict.fromkeys(("velocity", "acceleration", "angular_velocity", "angular_acceleration"), zero)
     return State(

@@ -1,4 +1,4 @@
-"""Logs of a robot that holds a tool still in many poses, worked out without the package's kinematics."""
+"""Logs of a robot that holds a tool still in many poses, computed without the package's kinematics."""
 
 import numpy as np
 from scipy.linalg import expm
@@ -23,7 +23,7 @@ def rotations(robot, q):
 
 
 def readings(turned, noise=0.05, seed=0, sign=1.0):
-    """(T, 6) what a sensor at the flange reads that carries the tool."""
+    """(T, 6) reading of a sensor at the flange that carries the tool."""
     force = -MASS * np.einsum("tji,j->ti", turned, GRAVITY)
     wrench = np.concatenate([force, np.cross(CENTER, force)], 1)
     scale = noise * np.array([1, 1, 1, 0.04, 0.04, 0.04])

@@ -1,4 +1,4 @@
-"""Errors that a user can mend: one line that begins with the place, and has a remedy."""
+"""Errors that a user can fix: one line that begins with the place, and has a remedy."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from ftbias_jax.io import read_log
 
 
 def fails(call, place, *words, kind=LogError):
-    """A call ends in an error of a kind, whose line has all the words."""
+    """Check that a call raises an error of this kind, whose line has all the words."""
     with pytest.raises(kind) as caught:
         call()
     message = str(caught.value)
@@ -19,5 +19,5 @@ def fails(call, place, *words, kind=LogError):
 
 
 def reading_fails(path, setup, *words):
-    """A log cannot be read, and the line names it."""
+    """Check that a log cannot be read, and that the line names it."""
     fails(lambda: read_log(path, setup), path, *words)

@@ -1,4 +1,4 @@
-"""Effects as a user would write them, for the tests of what becomes of them."""
+"""Effects as a user would write them, for the tests of own effects."""
 
 HOSE = """
 import ftbias_jax as ft

@@ -73,7 +73,7 @@ class Text(NamedTuple):
 
 
 class Other(NamedTuple):
-    """A message of any type, from a dict of its fields; those that are left out are zero."""
+    """A message of any type, from a dict of its fields; omitted ones are zero."""
 
     stamp: int
     kind: str
@@ -82,7 +82,7 @@ class Other(NamedTuple):
     logged: int | None = None
     publisher: str = "other"
     types: Mapping = MappingProxyType({})
-    """Name -> text of the types that ROS does not have."""
+    """Name -> definition of the types that ROS does not have."""
 
 
 def arrays(samples=60, seed=0):
@@ -109,7 +109,7 @@ def messages(log=None, names=("base", "elbow")):
 
 
 def write(folder: Path, kind: str, published) -> Path:
-    """Write messages in one of FORMATS; returns what to give to a reader."""
+    """Write messages in one of FORMATS; returns the path to give to a reader."""
     if kind.startswith("ros1"):
         writer = rosbag1.Writer(folder / "log.bag")
         if " " in kind:
@@ -134,7 +134,7 @@ def _write(writer, store, serialize, published):
     with writer:
         for i, message in enumerate(published):
             kind, fields, frame = _described(message)
-            # Only ROS 1 knows who has published a message.
+            # Only ROS 1 stores the publisher of a message.
             key = (message.topic, message.publisher if serialize == "serialize_ros1" else "")
             if key not in connections:
                 options = {"callerid": message.publisher} if serialize == "serialize_ros1" else {}
@@ -162,7 +162,7 @@ def bag_record(fields, data):
 
 
 def filled(store, name, fields, header):
-    """An object of a type with these fields; others are zero."""
+    """An object of a type with these fields; the other fields are zero."""
     kind = store.types[name]
     values = []
     for field, (node, described) in store.get_msgdef(name).fields:

@@ -30,14 +30,14 @@ process_noise_density = 5
 
 
 def named(setup=SETUP, names=("base", "elbow")):
-    """The setup with names of the joints: those of the tests' recordings."""
+    """The setup with the joint names of the tests' recordings."""
     for axis, name in zip(("axis = [0, 0, 1]", "axis = [0, 1, 0]"), names, strict=True):
         setup = setup.replace(axis, f'{axis}\nname = "{name}"')
     return setup
 
 
 TABLES = {section: keys for section, keys in tomllib.loads(named()).items() if section != "joints"}
-"""The same arm, with the usual noise of its joints."""
+"""The same arm, with the usual noise of the joints."""
 
 
 def write_log(path, seed=0, samples=300):
@@ -56,7 +56,7 @@ def filter_archive(*arguments):
 
 
 def manifest(name="manifest.filter.jsonl"):
-    """What a manifest says in the end of every result, by their names."""
+    """Last entry of every result in a manifest, in the order of their names."""
     entries = {line.output: line for line in read_lines(Path("out", name)) if hasattr(line, "output")}
     return [entries[output] for output in sorted(entries)]
 

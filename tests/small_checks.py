@@ -28,7 +28,7 @@ BIAS = np.array([2.0, -1.0, 3.0, 0.1, -0.2, 0.05])
 
 
 def motion_of_joints(t, seed=0):
-    """q, dq and ddq (T, 6) of sums of sines."""
+    """q, dq and ddq (T, 6) of motions that are sums of sines."""
     rng = np.random.default_rng(seed)
     omega = 2 * np.pi * rng.uniform(0.05, 0.3, (3, 6))
     size, phase = rng.uniform(0.1, 0.35, (3, 6)), rng.uniform(0, 6, (3, 6))
@@ -41,7 +41,7 @@ def motion_of_joints(t, seed=0):
 
 
 def right_log(seed=0, duration=30.0, rate=100.0):
-    """Tables of a setup and arrays of a log that it is right for."""
+    """Tables of a setup, and arrays of a log that agrees with it."""
     rng, tables = np.random.default_rng(seed), copy.deepcopy(TABLES)
     setup = ft.parse_setup(tables)
     t = np.arange(0, duration, 1 / rate)
@@ -54,11 +54,11 @@ def right_log(seed=0, duration=30.0, rate=100.0):
 
 
 def log_with_rests(seed, rests, duration=40.0, rate=100.0):
-    """The same with an arm that stands still now and then, the tool's wrench (T, 6), and the motion of the sensor.
+    """The same with an arm that rests from time to time; also the tool's wrench (T, 6) and the motion of the sensor.
 
     Args:
         seed: of the motion, noise and bias.
-        rests: (start, end) in s of each rest; the arm starts and stops within half a second outside of it.
+        rests: (start, end) in s of each rest; the arm stops and starts within half a second outside it.
         duration: s.
         rate: Hz.
     """
@@ -79,7 +79,7 @@ def log_with_rests(seed, rests, duration=40.0, rate=100.0):
 
 
 def static_poses(seed=0, count=24, **sections):
-    """Tables of a setup and arrays of readings at rest that it is right for."""
+    """Tables of a setup, and arrays of readings at rest that agree with it."""
     rng, tables = np.random.default_rng(seed), {**copy.deepcopy(TABLES), **sections}
     setup = ft.parse_setup(tables)
     q = rng.uniform(-1.5, 1.5, (count, 6))
@@ -89,12 +89,12 @@ def static_poses(seed=0, count=24, **sections):
 
 
 def checked_poses(tables, arrays):
-    """What the check says of static poses."""
+    """Result of checking static poses."""
     setup = ft.parse_setup(tables)
     return ft.check_setup(setup, [ft.Poses.from_arrays(setup, **arrays)])
 
 
 def checked(tables, arrays):
-    """What the check says."""
+    """Result of checking a log."""
     setup = ft.parse_setup(tables)
     return ft.check_setup(setup, [ft.Log.from_arrays(setup, **arrays)])

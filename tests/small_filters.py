@@ -1,4 +1,4 @@
-"""Small filters with values of their own in every lane, for the tests of the fast scans."""
+"""Small filters with different values in every lane, for the tests of the fast scans."""
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +9,7 @@ from ftbias_jax.filtering.fast.scan import Inputs
 from ftbias_jax.filtering.process_models import JOINT_MODELS, drift_noise
 
 COUNT, LANES = 24, 3
-GAP = 12  # the sample before which nothing comes for ten seconds
+GAP = 12  # the sample before which there are no data for ten seconds
 MODELS = {**JOINT_MODELS, "drift": drift_noise}
 
 models = pytest.mark.parametrize("model", MODELS)
@@ -21,7 +21,7 @@ def sizes(model):
 
 
 def problem(model, seed, gap=10.0):
-    """Filters that restart after the gap, but for the bias, which never does; two samples have one stamp."""
+    """Filters that restart after the gap, except for the bias, which never does; two samples have one stamp."""
     rng = np.random.default_rng(seed)
     k, m = sizes(model)
     dt = rng.uniform(0.01, 0.1, COUNT)
@@ -43,7 +43,7 @@ def single(tree):
 
 
 def assert_all_close(got, expected, rtol, atol=None):
-    """Trees equal, by default to a tenth of ``rtol`` of each leaf's largest entry; NaN in the same places."""
+    """Trees agree, by default to a tenth of ``rtol`` of each leaf's largest entry; NaN in the same places."""
     for (path, one), other in zip(jax.tree.leaves_with_path(expected), jax.tree.leaves(got), strict=True):
         least = (rtol / 10 if atol is None else atol) * np.nanmax(np.abs(one), initial=0.0)
         np.testing.assert_allclose(other, one, rtol=rtol, atol=least, err_msg=jax.tree_util.keystr(path))
@@ -65,7 +65,7 @@ _NAMES = {
     "noise that follows the motion, and is correlated": tuple(_ALL),
 }
 PARTS = {part: {name: _ALL[name] for name in names} for part, names in _NAMES.items()}
-"""What the bias filter's noise may have beside the plain filter's, for three joints."""
+"""Optional parts of the bias filter's noise, for three joints."""
 ALL = "noise that follows the motion, and is correlated"
 parts = pytest.mark.parametrize("part", PARTS)
 

@@ -1,4 +1,4 @@
-"""Setups that the tests of several rooms state, as tables."""
+"""Setups that tests in several folders use, as tables."""
 
 from ftbias_jax.setup import Setup, parse_setup
 
@@ -20,12 +20,12 @@ YAW_PITCH_ROLL = {
     "tool": {"mass": 0.7, "center_of_mass": [0.01, 0, 0.06], "inertia": [0.002, 0, 0, 0.002, 0, 0.001]},
     "joints": {"position_noise_std": 1e-4, "velocity_noise_std": 1e-3},
 }
-"""A small arm that turns its tool every way."""
+"""A small arm that turns its tool in all directions."""
 MOUNTED = {
     "sensor": {"noise_std": [0.1, 0.004], "translation": [0.01, -0.02, 0.05], "rotation_rpy": [0.1, -0.2, 0.7]},
     "tool": YAW_PITCH_ROLL["tool"],
 }
-"""A sensor that is mounted askew."""
+"""A sensor that is mounted at an oblique angle."""
 
 
 def pose_setup(*, tables=(), **pose) -> Setup:

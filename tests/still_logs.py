@@ -1,4 +1,4 @@
-"""A Panda at rest, for commands whose work is made up."""
+"""A Panda at rest, for commands with a made-up computation."""
 
 import numpy as np
 

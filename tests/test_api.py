@@ -30,7 +30,7 @@ def setup():
 
 @pytest.fixture(scope="module", autouse=True)
 def single():
-    """JAX as users find it."""
+    """JAX as users have it."""
     with jax.enable_x64(False):
         yield
 
@@ -127,7 +127,7 @@ def test_the_tool_is_identified_and_written_with_its_errors(setup, made, tmp_pat
 
 
 def test_the_noise_is_tuned_judged_and_written_with_its_errors(setup, made, tmp_path):
-    """The log has the noise that the setup states, so the fit of the joints stays near it."""
+    """The log has the noise that the setup states, so the fitted joint noise stays near it."""
     tuned = ft.tune(setup, [made.log], fit=["joints"], restarts=0, hold_out=0.5)
     assert tuned.converged
     np.testing.assert_allclose(tuned.setup.joints.position_noise_std, setup.joints.position_noise_std, rtol=0.3)
@@ -253,7 +253,7 @@ def test_other_threads_have_the_precision_of_the_one_that_asked():
     def work():
         return jax.numpy.ones(1).dtype
 
-    with ThreadPoolExecutor(1) as pool:  # in a test's own threads JAX has the setting of all tests, float64
+    with ThreadPoolExecutor(1) as pool:  # threads that a test starts use the setting of all tests, float64
         assert pool.submit(work).result() == np.float64
         assert pool.submit(jax_config.same_precision(work)).result() == np.float32
 

@@ -1,4 +1,4 @@
-"""The docs say what the code does: generated pages are whole, and lists that are written by hand lack nothing."""
+"""The docs agree with the code: generated pages are complete, and lists written by hand lack nothing."""
 
 import importlib.util
 import os
@@ -38,7 +38,7 @@ def test_the_page_of_effects_has_every_effect_and_parameter(hooks):
 
 def test_the_page_of_the_setup_has_every_key_and_robot(hooks):
     page = hooks.setup_page()
-    assert "| `noise_density` | `[0.0002, 1e-05]` | N/s^1.5, Nm/s^1.5 | sigma_Q, how fast the drift changes |" in page
+    assert "| `noise_density` | `[0.0002, 1e-05]` | N/s^1.5, Nm/s^1.5 | sigma_Q, noise density of the drift |" in page
     for name, section in SECTIONS.items():
         part = page.split(f"{{ #{name.replace('.', '-')} }}\n")[1].split("\n## ")[0]
         assert all(f"| `{key}` |" in part for key in section.keys)
@@ -95,7 +95,7 @@ def test_the_tutorial_and_the_guide_know_all_verdicts(page):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The site, built as the README says."""
+    """The site, built as the README describes."""
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-f", ROOT / "docs" / "mkdocs.yml", "-d", folder]
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "JAX_PLATFORMS": "cpu"}
@@ -105,7 +105,7 @@ def site(tmp_path_factory):
 
 
 class Loaded(HTMLParser):
-    """What a browser loads with a page, without being asked to follow a link."""
+    """Addresses that a browser loads with a page, without following a link."""
 
     def __init__(self, text):
         super().__init__()
@@ -128,7 +128,7 @@ def styled(css):
 
 
 def outside(page, addresses, site):
-    """Those that are no file of the site."""
+    """Addresses that are no file of the site."""
     files = [(page.parent / unquote(urlsplit(x).path)).resolve() for x in addresses]
     return [
         address

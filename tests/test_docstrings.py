@@ -1,4 +1,4 @@
-"""Docstrings as tools and readers take them: arguments that parse, shapes and units of arrays, errors that are told."""
+"""Docstrings as tools and readers use them: arguments that parse, shapes and units of arrays, documented errors."""
 
 import ast
 import logging
@@ -23,7 +23,7 @@ ANY_UNIT = {
     "ftbias_jax.model.params.as_array",
     "ftbias_jax.model.wrench.tool_wrench.vec",
 }
-"""Linear algebra: what it is applied to has the units."""
+"""Linear algebra: its arguments have the units."""
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def inside(module):
 
 
 def section(member, kind):
-    """The part of a docstring as a Google-style parser reads it, or None."""
+    """The section of a docstring as a Google-style parser reads it, or None."""
     parsed = member.docstring.parse("google", warnings=False) if member.docstring else []
     return next((part.value for part in parsed if part.kind.value == kind), None)
 
@@ -88,7 +88,7 @@ def test_every_argument_section_is_read_as_it_is_meant(package):
 
 
 def test_no_argument_section_is_lost_on_the_parser(package):
-    """A heading that is not followed by an indented list is text to the parser."""
+    """A heading without an indented list below it is text to the parser."""
     lost = [
         member.path
         for member in inside(package)

@@ -1,4 +1,4 @@
-"""Experiments take hours, so no test runs them; but what they take from the package is there."""
+"""Experiments take hours, so no test runs them; but the names that they import from the package must exist."""
 
 import ast
 import importlib
@@ -14,7 +14,7 @@ SCRIPTS = sorted(path.relative_to(EXPERIMENTS) for path in EXPERIMENTS.rglob("*.
 
 
 def missing(source):
-    """Names that a script imports from the package, or looks up in its modules, and that are not there."""
+    """Names that a script imports from the package, or looks up in its modules, and that do not exist."""
     tree, modules, lost = ast.parse(source), {}, []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):

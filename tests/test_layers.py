@@ -12,7 +12,7 @@ import ftbias_jax
 
 PACKAGE = Path(ftbias_jax.__file__).parent
 
-# Lowest first. What stands on one line is on one floor: it imports what is below, never its neighbours.
+# Lowest first. Units on one line are on one level: they import lower ones, never each other.
 FLOORS = (
     "errors files types",
     "runtime setup",
@@ -28,7 +28,7 @@ MOST_LINES, MOST_MODULES, MOST_ROOMS, MOST_FLOORS = 300, 14, 16, 8
 
 
 def unit_of(path):
-    """The module or folder at the top of the package that a source file belongs to."""
+    """The module or folder at the top level of the package to which a source file belongs."""
     return path.relative_to(PACKAGE).with_suffix("").parts[0]
 
 
@@ -38,7 +38,7 @@ def source_files():
 
 
 def imported_names(nodes):
-    """Modules, or names in modules, that the imports among nodes of a syntax tree name, in full."""
+    """Full names of modules, or of names in modules, that the imports among nodes of a syntax tree name."""
     for node in nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -56,7 +56,7 @@ def imported_units(tree):
 
 
 def at_run_time(node):
-    """The nodes of a syntax tree but for what only type checkers read."""
+    """The nodes of a syntax tree except those that only type checkers read."""
     yield node
     for child in ast.iter_child_nodes(node):
         if not (isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"):
@@ -87,7 +87,7 @@ def test_modules_are_short(path):
 
 
 def module_imports(trees):
-    """Module -> the modules that it imports, when it is imported itself or later, in a function.
+    """Module -> the modules that it imports, on its own import or later, in a function.
 
     Args:
         trees: module -> its syntax tree.
@@ -103,7 +103,7 @@ def module_imports(trees):
 
 
 def circle_in(graph):
-    """The modules of an import circle, the first one at both ends; none if there is none."""
+    """The modules of a circular import, the first one at both ends; empty if there is none."""
     done = set()
 
     def visit(module, path):
@@ -133,7 +133,7 @@ def test_there_is_no_import_circle():
     ],
 )
 def test_a_circle_would_be_seen(back, circle):
-    """Late imports count, imports for type checkers do not."""
+    """Late imports count; imports for type checkers do not."""
     assert circle_in(module_imports({"room.a": ast.parse("from room import b"), "room.b": ast.parse(back)})) == circle
 
 
@@ -142,7 +142,7 @@ def test_the_package_itself_imports_its_modules_for_type_checkers_only():
 
 
 def test_an_upward_import_would_be_seen():
-    """In all its spellings."""
+    """All forms of an import statement are recognised."""
     source = """
 import ftbias_jax.cli.main
 from ftbias_jax import filtering

@@ -1,4 +1,4 @@
-"""A simulated log of an arm of two joints that swings, for the faults that are put into it."""
+"""A simulated log of a swinging arm of two joints, to which faults are added."""
 
 import jax
 import jax.numpy as jnp

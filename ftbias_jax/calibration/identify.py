@@ -1,5 +1,6 @@
 """Identification of the tool's inertial parameters from a log, jointly with the bias; the tool need not be measured."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -25,9 +26,10 @@ from ftbias_jax.types import Array, Gaussian, Sample
 MAX_ITERATIONS = 10
 MOUNTING_STD, GRAVITY_STD = 0.3, 0.1
 """rad, prior standard deviations of the sensor's rotation about the likely axis-parallel one, and of gravity's."""
-LEVER_STD = 0.5
-"""m, prior standard deviation of the distance from a sensor without recorded position to the point it turns about: that
-of an arm's joints. Its acceleration varies with the orientation, and would be mistaken for weight."""
+LEVER_STD, TRANSLATION_STD = 0.5, 0.1
+"""m, prior standard deviations of the lever arm of a sensor without recorded position (distance to the point it turns
+about, of an arm's joints) and of one whose place on the flange is not stated. The acceleration at a lever arm varies
+with the orientation; if it is not fitted, it is mistaken for weight and inertia."""
 OF_GRAVITY, OF_LEVER = slice(13, 16), slice(16, 19)
 """Coordinates of a fit, after those of the tool and of the rotation of the sensor."""
 KEPT = "not determined by this motion, kept"
@@ -68,16 +70,24 @@ class Identified(NamedTuple):
     """nats gained over the start, divided by the overdispersion of the log."""
     converged: bool = False
     lever: np.ndarray = np.zeros(0)
-    """(3,) m, mount's axes: offset from the point the sensor turns about, beyond the stated one; (0,): path known."""
+    """(3,) m: sensor origin beyond the stated one, or for a recorded orientation beyond the point that it turns about;
+    in axes of the stated sensor, or of the mount whose pose is recorded; (0,): not fitted."""
     lever_stderr: np.ndarray = np.zeros(0)
-    swings: bool = False
+    has_lever: bool = False
     """Whether held-out blocks are predicted better with the lever arm."""
+    model_stderr: np.ndarray = np.zeros(6)
+    """(6,) N, Nm: standard error of the reading, root mean square over the log, due to rotations and lever arm."""
     left: np.ndarray = np.zeros((0, 6))
     """(T, 6) N, Nm: residual of the reading with the identified tool, NaN = not measured; (0, 6) for static poses."""
 
 
 def identify(
-    params: Params, samples: Sample, options: Options = DEFAULT_OPTIONS, mounting: bool = False, gravity: bool = False
+    params: Params,
+    samples: Sample,
+    options: Options = DEFAULT_OPTIONS,
+    mounting: bool = False,
+    gravity: bool = False,
+    translation: bool = False,
 ) -> Identified:
     """Fit theta to the likelihood of the wrench, physically consistent; parameters that the log leaves open are kept.
 
@@ -87,6 +97,8 @@ def identify(
         options: options of the pipeline.
         mounting: also fit the sensor's rotation.
         gravity: also fit the direction of gravity (its magnitude is kept).
+        translation: also fit the place of the sensor on the flange; the lever arm of a sensor of which only the
+            orientation is recorded is always fitted.
     """
     joints = smoothed_joints(params.joint, *samples[:3], model=options.joint_model)
     quarter = _axis_aligned_mounting(params, joints, samples) if mounting else np.eye(3)
@@ -94,6 +106,8 @@ def identify(
     moves = [MOUNTING_STD if mounting else FIXED, GRAVITY_STD if gravity else FIXED]
     if isinstance(params.arm, FreeBody) and samples.q.shape[1] == len("wxyz"):
         moves.append(LEVER_STD)
+    elif translation:
+        moves.append(TRANSLATION_STD)
     if only_theta := max(moves) <= FIXED:
         moves = []
     std = np.concatenate([PRIOR_STD, np.repeat(moves, 3)])
@@ -116,13 +130,18 @@ def identify(
             break
     stated = without_round_off(physical.data_sheet(params.theta))
     found = shown.judge(parts, x, prior, stated[4:])
-    swings = len(x) > OF_LEVER.start and shown.predicts_unseen(parts, found, OF_LEVER)
+    has_lever = len(x) > OF_LEVER.start and shown.predicts_unseen(parts, found, OF_LEVER)
     linear = first.moved(physical.parameters_at(found.x)) if only_theta else model(found.x)
-    return _identified(params, quarter, linear, found, dt, mounting, gravity)._replace(
+    measured = np.isfinite(np.asarray(samples.wrench)).any(1)
+
+    def readings(z: np.ndarray) -> np.ndarray:
+        return np.asarray(_readings(jnp.asarray(z), params, joints.mean, samples))[measured]
+
+    return _identified(params, quarter, linear, found, dt, mounting, gravity, readings)._replace(
         excess=float(np.sqrt(2 * _cost(linear) / np.isfinite(np.asarray(samples.wrench)).sum())),
         gain=(_cost(first) - _cost(linear)) / found.dispersion,
         converged=converged,
-        swings=swings,
+        has_lever=has_lever,
         left=np.asarray(samples.wrench) - np.asarray(_readings(jnp.asarray(linear.at), params, joints.mean, samples)),
     )
 
@@ -147,6 +166,7 @@ def _identified(
     dt: np.ndarray,
     mounting: bool,
     gravity: bool,
+    readings: Callable[[np.ndarray], np.ndarray],
 ) -> Identified:
     x, std = jnp.asarray(found.x), found.prior.std
     slope = physical.jacobian_of_physical(found.x)
@@ -169,10 +189,14 @@ def _identified(
     values, stderr = np.where(kept, stated, values), np.where(kept, np.nan, stderr)
     to_bias = linear.bias_slopes.T @ slope
     bias_variance = found.dispersion * linear.bias_variance + np.einsum("ap,pq,aq->a", to_bias, covariance, to_bias)
+    free = np.flatnonzero(std[10:] > FIXED) + 10
+    model_stderr = _stderr_of_reading(covariance, free, linear.at, readings) if len(free) else np.zeros(6)
     missing = max(0, OF_GRAVITY.stop - len(x))  # rotations that are not fitted are zero, without error
     at, covariance = np.pad(linear.at, (0, missing)), np.pad(covariance, (0, missing))
     down, to_down = (np.asarray(x) for x in _gravity_and_jacobian(params.gravity, jnp.asarray(at[OF_GRAVITY])))
     rotation_stderr = np.sqrt(np.diag(covariance)[10:13])
+    lever_stderr = np.sqrt(np.diag(covariance)[OF_LEVER])
+    to_stated = np.eye(3) if isinstance(params.arm, FreeBody) else quarter
     gravity_stderr = np.sqrt(np.diag(to_down @ covariance[OF_GRAVITY, OF_GRAVITY] @ to_down.T))
     unexcited = [name for name, remark in zip(NAMES, remarks, strict=True) if remark in (KEPT, PULLED)]
     if mounting:
@@ -192,14 +216,30 @@ def _identified(
         rotation_stderr=rotation_stderr,
         gravity=down,
         gravity_stderr=gravity_stderr,
-        lever=linear.at[OF_LEVER],
-        lever_stderr=np.sqrt(np.diag(covariance)[OF_LEVER]),
+        lever=to_stated @ linear.at[OF_LEVER] if len(x) > OF_LEVER.start else linear.at[OF_LEVER],
+        lever_stderr=np.abs(to_stated) @ lever_stderr if len(x) > OF_LEVER.start else lever_stderr,
+        model_stderr=model_stderr,
         condition=shown.condition(linear.information, physical.tool_units(linear.at[0])),
         unexcited=unexcited,
         remarks=remarks,
         bias=np.asarray(params.bias.prior_mean[:6] + elapsed * params.bias.prior_mean[6:]) + linear.bias,
         bias_stderr=np.sqrt(bias_variance),
     )
+
+
+def _stderr_of_reading(
+    covariance: np.ndarray, free: np.ndarray, at: np.ndarray, readings: Callable[[np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """(6,) N, Nm due to the coordinates (k,) ``free`` of a fit at z (P,), given all others, whose errors are reported
+    with the tool."""
+    given = np.setdiff1d(np.arange(len(covariance)), free)
+    beside = covariance[np.ix_(free, given)]
+    own = covariance[np.ix_(free, free)] - beside @ np.linalg.solve(covariance[np.ix_(given, given)], beside.T)
+    variance, directions = np.linalg.eigh(own)
+    steps = np.zeros((len(free), len(at)))
+    steps[:, free] = (directions * np.sqrt(np.maximum(variance, 0))).T
+    there = readings(at)
+    return np.sqrt(sum(((readings(at + step) - there) ** 2).mean(0) for step in steps))
 
 
 def _remark(name: str, found: shown.Shown, open_: tuple[str, ...]) -> str:
@@ -234,13 +274,15 @@ def _turned(params: Params, rotation: np.ndarray) -> Params:
 
 def _moved(params: Params, z: Array) -> Params:
     """Parameters at (P,): theta; optionally rotation vectors of the sensor and of gravity; and optionally the lever arm
-    of a sensor whose position is not recorded."""
+    of the sensor, in axes of the stated sensor or of the mount whose orientation is recorded."""
     params = params._replace(theta=z[:10])
     if z.shape[0] == 10:
         return params
     arm = params.arm._replace(zero_rotation=params.arm.zero_rotation @ rotation_from_vector(z[10:13]))
     if z.shape[0] > OF_LEVER.start:
-        arm = arm._replace(zero_position=arm.zero_position + z[OF_LEVER])
+        in_sensor = not isinstance(arm, FreeBody)
+        lever = params.arm.zero_rotation @ z[OF_LEVER] if in_sensor else z[OF_LEVER]
+        arm = arm._replace(zero_position=arm.zero_position + lever)
     return params._replace(arm=arm, gravity=_turned_gravity(params.gravity, z[OF_GRAVITY]))
 
 

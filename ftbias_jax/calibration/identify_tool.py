@@ -25,7 +25,7 @@ from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup import GivenSetup, as_setup
-from ftbias_jax.setup.require import NOT_STATED, guessed_parameters, with_guessed_tool
+from ftbias_jax.setup.require import NOT_STATED, guessed_parameters, has_open_place, with_guessed_tool
 from ftbias_jax.setup.rotations import rotation_from_vector
 from ftbias_jax.setup.types import BiasSetup, Setup
 
@@ -86,10 +86,10 @@ class IdentifyResult:
             lines.append(f"sensor turned by {turned} deg")
         if self.gravity:
             lines.append(f"gravity {with_errors(found.gravity, found.gravity_stderr)} m/s^2")
-        if found.swings:
-            lines.append(
-                f"the sensor turns at a distance: {with_errors(found.lever, found.lever_stderr)} m, mount's axes"
-            )
+        if found.has_lever:
+            what = "turns at a distance" if _is_orientation(self.setup) else "is beyond its stated place on the flange"
+            axes = "sensor axes" if self.setup.pose is None else "mount's axes"
+            lines.append(f"the sensor {what}: {with_errors(found.lever, found.lever_stderr)} m, {axes}")
         if self.channels is not None:
             lines += channels_in_words(self.channels)
         lines.append(f"bias at the end: {with_errors(found.bias[:3], found.bias_stderr[:3])} N")
@@ -153,7 +153,7 @@ def identify_tool(
         raise UsageError("gains and crosstalk are not found from static poses", field="crosstalk", remedy=remedy)
     progress("checking the setup")
     require_right(setup, [log], "identify", unchecked, looked_for=("sensor_axes",) if mounting else ())
-    given, setup = setup.tool, with_guessed_tool(setup)
+    given, setup = setup, with_guessed_tool(setup)
     progress("fitting the tool")
     if isinstance(log, Poses):
         found, report = identify_poses(setup, log, mounting, gravity)
@@ -165,7 +165,7 @@ def identify_tool(
         def fit(log: Log) -> Identified:
             samples = params_for_log.useful_samples(log, params)
             samples = pad(samples, params_for_log.padded_length(len(log.t)))  # logs of different lengths share programs
-            return identify(params, samples, options, mounting, gravity)
+            return identify(params, samples, options, mounting, gravity, has_open_place(given))
 
         found = fit(log)
         if jumps := find_steps(log.t, found.left[: len(log.t)]):
@@ -182,10 +182,10 @@ def identify_tool(
             known = np.nan_to_num(found.stderr)
             tool = replace(of_tool.tool, mass_std=known[0], center_of_mass_std=known[1:4])
             found = found._replace(bias=steady.value, bias_stderr=steady.std_with_tool(tool))
-    if guessed := guessed_parameters(given, found.remarks):
+    if guessed := guessed_parameters(given.tool, found.remarks):
         remarks = tuple(NOT_STATED if guess else remark for guess, remark in zip(guessed, found.remarks, strict=True))
         found = found._replace(values=np.where(guessed, np.nan, found.values), remarks=remarks)
-    comments = {**setup.comments, **_comments(found, mounting, gravity, bias)}
+    comments = {**setup.comments, **_comments(setup, found, mounting, gravity, bias)}
     result = replace(_with_tool(setup, found, mounting, gravity), comments=comments)
     if bias:
         result = replace(result, bias=_prior(result.bias, found, steady))
@@ -204,25 +204,37 @@ def _prior(stated: BiasSetup, found: Identified, steady: SteadyBias | None) -> B
     )
 
 
+def _is_orientation(setup: Setup) -> bool:
+    """Whether the setup's logs hold only the orientation of the sensor."""
+    return setup.pose is not None and setup.pose.linear != "position"
+
+
 def _with_tool(setup: Setup, found: Identified, mounting: bool, gravity: bool) -> Setup:
     tool = replace(setup.tool, mass=float(found.values[0]), center_of_mass=found.values[1:4], inertia=found.values[4:])
-    if tool.mass_std is not None and np.isfinite(found.stderr[0]):
+    if np.isfinite(found.stderr[0]):
         tool = replace(tool, mass_std=float(found.stderr[0]))
-    if tool.center_of_mass_std is not None and np.isfinite(found.stderr[1:4]).all():
+    if np.isfinite(found.stderr[1:4]).all():
         tool = replace(tool, center_of_mass_std=found.stderr[1:4])
-    turned, pose = setup.sensor.rotation @ rotation_from_vector(found.rotation), setup.pose
-    if pose is not None and found.swings:
+    sensor, pose = setup.sensor, setup.pose
+    if found.has_lever and pose is not None and _is_orientation(setup):
         pose = replace(pose, turns_about=pose.turns_about - found.lever)
+    elif found.has_lever:
+        lever = found.lever if pose is not None else sensor.rotation @ found.lever
+        sensor = replace(sensor, translation=sensor.translation + lever)
+    if mounting:
+        sensor = replace(sensor, rotation=sensor.rotation @ rotation_from_vector(found.rotation))
+    model_std = np.fmax(found.model_stderr, 0.0 if setup.bias.model_std is None else setup.bias.model_std)
     return replace(
         setup,
         tool=tool,
         pose=pose,
-        sensor=replace(setup.sensor, rotation=turned) if mounting else setup.sensor,
+        sensor=sensor,
+        bias=replace(setup.bias, model_std=model_std) if found.model_stderr.any() else setup.bias,
         robot=replace(setup.robot, gravity=found.gravity) if gravity else setup.robot,
     )
 
 
-def _comments(found: Identified, mounting: bool, gravity: bool, bias: bool) -> dict[str, str]:
+def _comments(setup: Setup, found: Identified, mounting: bool, gravity: bool, bias: bool) -> dict[str, str]:
     """Comments by key of the setup: standard errors of identified values, and why others are kept."""
     comments = {}
     for key, rows in (("mass", slice(0, 1)), ("center_of_mass", slice(1, 4)), ("inertia", slice(4, 10))):
@@ -234,8 +246,9 @@ def _comments(found: Identified, mounting: bool, gravity: bool, bias: bool) -> d
         comments["sensor.rotation_rpy"] = f"turned by the identified {turned}"
     if gravity:
         comments["robot.gravity"] = f"identified ± {plain_errors(found.gravity_stderr)}"
-    if found.swings:
-        comments["sensor_pose.turns_about"] = f"identified ± {plain_errors(found.lever_stderr)}"
+    if found.has_lever:
+        key = "sensor_pose.turns_about" if _is_orientation(setup) else "sensor.translation"
+        comments[key] = f"identified ± {plain_errors(found.lever_stderr)}"
     if bias:
         comments["bias.initial"] = "of the log that the tool was identified from"
     return comments

@@ -61,11 +61,13 @@ def with_loose_tool(setup: Setup) -> Setup:
 def loosened(found: Setup, stated: Setup) -> Setup:
     """The identified tool with the standard errors of the stated one, so that causes may still change it as much.
 
-    The point that its sensor turns about is not taken over yet: a delay in rotation also looks like a lever arm.
+    The place of its sensor, or the point that it turns about, is not taken over yet: a delay also looks like a lever
+    arm.
     """
     loose = stated.tool
     tool = replace(found.tool, mass_std=loose.mass_std, center_of_mass_std=loose.center_of_mass_std)
-    return replace(found, tool=tool, pose=stated.pose)
+    sensor = replace(found.sensor, translation=stated.sensor.translation)
+    return replace(found, tool=tool, sensor=sensor, pose=stated.pose, bias=stated.bias)
 
 
 def larger(one: Mapping[str, Array], other: Mapping[str, Array]) -> dict[str, Array]:

@@ -48,8 +48,10 @@ def with_causes(
     setup = with_noise_as_known(setup)  # the found noise was measured relative to it
     setup, causes = _with_tool(setup, causes)
     setup = _with_wander(setup, terms)
-    setup = _with_model_error(setup, model_stderr) if causes else setup
-    sections = [term.section for term in _of_effects(terms) if not _refusal(setup, {TERM: [term.section]})]
+    terms = [term for term in _of_effects(terms) if not _refusal(setup, {TERM: [term.section]})]
+    of_terms = [np.array(term.reading_stderr) for term in terms if len(term.reading_stderr)]
+    setup = _with_model_error(setup, ([model_stderr] if causes and model_stderr is not None else []) + of_terms)
+    sections = [term.section for term in terms]
     effects: dict[str, Any] = {**setup.effects, **{cause.effect: cause.parameters for cause in causes}}
     if sections:
         effects[TERM] = [*effects.get(TERM, ()), *sections]
@@ -102,9 +104,10 @@ def _with_wander(setup: Setup, terms: Sequence[FoundTerm]) -> Setup:
     return setup
 
 
-def _with_model_error(setup: Setup, stderr: np.ndarray | None) -> Setup:
-    if stderr is None:
+def _with_model_error(setup: Setup, stderrs: Sequence[np.ndarray]) -> Setup:
+    if not stderrs:
         return setup
+    stderr = np.sqrt(np.square(stderrs).sum(0))
     more = np.fmax(stderr, 0.0 if setup.bias.model_std is None else setup.bias.model_std)
     comments = {**setup.comments, "bias.model_std": "ftbias diagnose: standard errors of the effects, by its logs"}
     return replace(setup, bias=replace(setup.bias, model_std=more), comments=comments)

@@ -107,6 +107,8 @@ class FoundTerm(NamedTuple):
     """The term as a section ``[[effects.term]]`` of a setup; for a bias that wanders, keys of its [bias]."""
     statement: str = ""
     """What acts, on what, and how much, in everyday words; "" = ``text``."""
+    reading_stderr: list[float] | tuple[()] = ()
+    """(6,) N, Nm, standard error of the reading due to the coefficients, root mean square over the logs; () = none."""
     curve: Curve | None = None
 
 

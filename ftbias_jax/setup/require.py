@@ -50,6 +50,11 @@ def is_draft(setup: Setup) -> bool:
     return bool(force > SEEN * noise[:3].min() or torque > SEEN * noise[3:].min())
 
 
+def has_open_place(setup: Setup) -> bool:
+    """Return whether the place of the sensor on the flange is not stated, in a setup whose tool is a draft, too."""
+    return not setup.sensor.translation.any() and (bool(setup.tool.unknown) or is_draft(setup))
+
+
 def with_guessed_tool(setup: Setup) -> Setup:
     """Return the setup with a guess for a mass or centre of mass that is not stated; unchanged if both are."""
     tool = setup.tool

@@ -1,4 +1,4 @@
-"""Logs in bundles of equal shape: nothing is lost, and what fills them up measured nothing."""
+"""Logs in batches of equal shape: nothing is lost, and padding counts as not measured."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_pieces_are_the_log_and_start_anew(length):
     log = log_of(10)
     pieces = cut(log, length)
     sizes = [len(piece.dt) for piece in pieces]
-    assert len(sizes) == -(-len(log.dt) // length)  # no more than needed
+    assert len(sizes) == -(-len(log.dt) // length)  # no longer than needed
     assert max(sizes) <= length
     assert max(sizes) - min(sizes) <= 1
     assert {piece.dt[0] for piece in pieces} == {0}

@@ -1,4 +1,4 @@
-"""Tools found again in simulated logs, with the sensor turned, with gravity tilted, and from a log that says little."""
+"""Tools found again in simulated logs: with a turned sensor, with tilted gravity, and from an uninformative log."""
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +31,7 @@ def truth(params):
 
 
 def log_of(params, speed=1.0, seed=0):
-    """All joints swing, each with two sines; speed 0 is a robot that stands still."""
+    """Every joint swings with two sines; speed 0 is a robot at rest."""
     t = DT * jnp.arange(COUNT)
     phase = jnp.array([0.0, 1.0, 2.0])[None] + speed * t[:, None] * jnp.array([[1.3, 1.7, 2.1]])
     size = jnp.array([[1.0, 0.3, 1.0]])
@@ -44,13 +44,13 @@ def log_of(params, speed=1.0, seed=0):
 
 
 def sheet(theta):
-    """(10,) mass, centre of mass, inertia about it."""
+    """Return (10,) mass, centre of mass, and inertia about it."""
     mass, center, inertia = about_center_of_mass(theta)
     return np.concatenate([mass[None], center, inertia])
 
 
 def with_light_tool(params):
-    """What a person writes who knows nothing: 0.1 kg in the sensor's origin."""
+    """What a person states who knows nothing of the tool: 0.1 kg at the sensor's origin."""
     return params._replace(theta=tool_parameters(jnp.array(0.1), jnp.zeros(3), jnp.zeros(6)))
 
 
@@ -70,14 +70,14 @@ def test_a_tool_that_was_never_measured(truth):
     np.testing.assert_allclose(found.values, sheet(found.theta), rtol=1e-12)
     assert found.unexcited == []
     assert found.remarks == ("",) * 10
-    assert 0.9 < found.excess < 1.5  # the stated tool is light, and so the errors of the joints count for little
+    assert 0.9 < found.excess < 1.5  # the stated tool is light, so the errors of the joints count for little
     assert found.condition < 1e3
     np.testing.assert_allclose(found.rotation, 0, atol=1e-6)
     np.testing.assert_allclose(found.gravity, truth.gravity, rtol=1e-6)
 
 
 def test_a_sensor_that_is_turned_and_gravity_that_is_tilted(truth):
-    """Both jointly with the tool, from a setup that knows of neither."""
+    """Both are fitted jointly with the tool, from a setup that states neither."""
     turned = truth.arm._replace(zero_rotation=truth.arm.zero_rotation @ rotation_from_vector(jnp.asarray(TURN)))
     gravity = rotation_from_vector(jnp.asarray(TILT)) @ truth.gravity
     there = truth._replace(arm=turned, gravity=gravity)
@@ -91,7 +91,7 @@ def test_a_sensor_that_is_turned_and_gravity_that_is_tilted(truth):
 
 
 def test_a_sensor_that_is_mounted_upside_down(truth):
-    """Half a turn and a little, which no search that starts as stated finds."""
+    """The sensor is turned by slightly more than half a turn, which no search from the stated axes finds."""
     there = rotation_from_vector(jnp.asarray(TURN)) @ rotation_from_vector(jnp.array([jnp.pi, 0.0, 0.0]))
     turned = truth.arm._replace(zero_rotation=truth.arm.zero_rotation @ there)
     found = identify.identify(with_light_tool(truth), log_of(truth._replace(arm=turned)), mounting=True)
@@ -102,13 +102,13 @@ def test_a_sensor_that_is_mounted_upside_down(truth):
 
 
 def test_a_robot_that_stands_still_says_nothing_about_inertia(truth):
-    """One pose: a bias that may be anything explains all of gravity."""
+    """In a single pose a bias of any size explains all of gravity."""
     start = truth._replace(
         theta=tool_parameters(jnp.array(0.5), jnp.zeros(3), jnp.zeros(6)),
         bias=truth.bias._replace(prior_std=1e3 * truth.bias.prior_std),
     )
     found = identify.identify(start, log_of(truth, speed=0.0), mounting=True, gravity=True)
-    # The centre of mass is left out: the encoders' noise pretends a little motion.
+    # The centre of mass is left out: the encoders' noise mimics a little motion.
     assert set(found.unexcited) >= {"mass", *identify.NAMES[4:]}
     assert (found.rotation_stderr > 0.05).all()
     assert (np.abs(found.rotation) < 4 * found.rotation_stderr).all()

@@ -92,7 +92,7 @@ def test_poses_that_do_not_turn_determine_nothing_and_write_nothing(tmp_path):
     found = ft.identify_tool(setup, ft.Poses.from_arrays(setup, readings(same), orientation=same))
     assert found.tool.remarks == (KEPT,) * 10
     np.testing.assert_array_equal(found.tool.values[:4], [0.5, 0, 0, 0.02])
-    with pytest.raises(ft.LogError, match="determines nothing of the tool"):
+    with pytest.raises(ft.LogError, match="determines no parameter of the tool"):
         found.save(tmp_path / "found.toml")
     with pytest.raises(ft.LogError, match="did not converge"):
         replace(found, tool=found.tool._replace(converged=False)).save(tmp_path / "found.toml")
@@ -122,7 +122,7 @@ def test_the_published_calibration_of_a_real_sensor(shared_data):
 )
 @pytest.mark.parametrize("tool", [{"mass": 0.85, "center_of_mass": [0, 0, 0.05]}, None], ids=["stated", "unknown"])
 def test_a_wrong_setup_is_refused_before_a_tool_is_fitted_to_it(mistake, sign, unit, tool):
-    """Without a word it wrote a mass below zero."""
+    """Without the check, `identify` silently wrote a mass below zero."""
     setup = setup_of(tool=tool or {})
     q = np.random.default_rng(1).uniform(-2.5, 2.5, (20, 7))
     arm = params_from_setup(setup_of()).arm

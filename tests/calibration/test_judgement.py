@@ -1,4 +1,4 @@
-"""What a tuned setup is judged by: errors of predicting the reading, as the filter's own forecast has them."""
+"""Criterion of a tuned setup: its errors of predicting the reading, by the same forecast as the filter's."""
 
 from types import SimpleNamespace
 
@@ -7,7 +7,7 @@ import pytest
 
 from ftbias_jax.calibration.judgement import Predicted, errors_of_constant_bias, held_out, prediction_errors
 
-T = np.arange(50) / 8  # exact in binary
+T = np.arange(50) / 8  # s, exact in binary
 
 
 def noise(**values):
@@ -15,7 +15,7 @@ def noise(**values):
 
 
 def filtered(reading, bias, drift, slow_error, used=None):
-    """Of a tool that weighs nothing."""
+    """The filtered log of a weightless tool."""
     shape = (len(T), 6)
     bias, drift, slow_error = (np.broadcast_to(x, shape) for x in (bias, drift, slow_error))
     return SimpleNamespace(
@@ -51,7 +51,7 @@ def test_without_correlated_noise_bias_and_drift_go_on():
     ("used", "judged"),
     [
         ((T <= 0.5) | (T > 3), T > 3),
-        (T >= 2, T >= 3),  # before the first reading that counts nothing is predicted
+        (T >= 2, T >= 3),  # nothing is predicted before the first used reading
     ],
 )
 def test_what_was_not_used_is_not_judged(used, judged):
@@ -66,7 +66,7 @@ def test_an_axis_is_worse_where_chance_does_not_explain_it():
 
 
 def test_a_constant_bias_is_the_mean_of_what_was_fitted_and_used():
-    """Readings of 2 while something touches the tool, of 5 later; ty was not measured at first."""
+    """Readings are 2 during contact and 5 afterwards; ty is not measured at first."""
     reading = np.where(T > 3, 5.0, np.where(T > 1, 3.0, 2.0))[:, None] * np.ones(6)
     reading[T <= 3, 4] = np.nan
     errors = errors_of_constant_bias(filtered(reading, 0.7, 0.0, 0.0, used=T > 1), T <= 3)
@@ -76,7 +76,7 @@ def test_a_constant_bias_is_the_mean_of_what_was_fitted_and_used():
 
 @pytest.mark.parametrize("seconds", [10.0, 400.0])
 def test_scores_fall_by_chance_as_often_as_chance_has_it(seconds):
-    """A loss counts when it is more than two standard errors: in a fortieth of all cases if there is none."""
+    """A loss must exceed two standard errors, which happens by chance in a fortieth of all cases."""
     rng = np.random.default_rng(3)
     before, tuned = rng.normal(1e4, 20, (2, 4000, 8)) * seconds**0.5
     found = [held_out("joint", np.stack(pair), seconds) for pair in zip(before, tuned, strict=True)]
@@ -84,7 +84,7 @@ def test_scores_fall_by_chance_as_often_as_chance_has_it(seconds):
     assert score.part == "joint"
     np.testing.assert_allclose(score.before, before[0].sum() / seconds)
     losses = np.mean([score.falls for (score,) in found])
-    assert 0.02 < losses < 0.06  # of Student's t with 7 degrees of freedom, 0.043
+    assert 0.02 < losses < 0.06  # 0.043 by Student's t with 7 degrees of freedom
 
 
 def test_a_score_that_falls_everywhere_falls():

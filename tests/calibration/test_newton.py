@@ -11,7 +11,7 @@ from ftbias_jax.calibration import newton
 from ftbias_jax.calibration.noise.words import combination_errors, open_directions
 
 LANES = 4
-WHOLE = [None]  # the data, in one part
+WHOLE = [None]  # the data, as one part
 EACH = np.array([[0, 1, 2, 3], [4, 5, 6, 7]])
 ONE_LANE = np.arange(3)[:, None]
 COUNT = 500
@@ -19,13 +19,13 @@ BENT = np.array([[40.0, 10.0], [10.0, 20.0]])
 
 
 def quadratic(x, part=None):
-    """Best at (lane, -lane), with the same curvature in every lane."""
+    """The optimum is at (lane, -lane), with the same curvature in every lane."""
     miss = x - jnp.arange(float(LANES))[None] * jnp.array([[1.0], [-1.0]])
     return -(miss * (BENT @ miss)).sum(0) / 2
 
 
 def banana(x, part=None):
-    """Far from quadratic: an exponential valley; best at (1, 1)."""
+    """An exponential valley, far from quadratic, with its optimum at (1, 1)."""
     return -jnp.cosh(x[0] - 1) - 10 * (jnp.exp(x[1] - x[0]) - 1) ** 2
 
 
@@ -39,7 +39,7 @@ def test_a_quadratic_is_solved():
 
 
 def test_tied_lanes_share_their_best_compromise():
-    """All lanes share the first value, pairs of lanes the second."""
+    """All lanes share the first value, and pairs of lanes share the second."""
     index = np.array([[0, 0, 0, 0], [1, 1, 2, 2]])
     best = newton.maximise(quadratic, WHOLE, np.zeros(3)[None], index)
     # Least squares over the lanes, each weighted by BENT.
@@ -66,7 +66,7 @@ def test_any_start_reaches_the_optimum_and_never_goes_down(start):
 
 
 def test_parts_of_the_data_lead_to_the_optimum_of_all():
-    """The parts pull to different places; the likelihood of all is best at their mean."""
+    """The parts have different optima; the likelihood of all is best at their mean."""
     pulls = [jnp.full((1, 1), float(pull)) for pull in np.random.default_rng(0).normal(3.0, 0.3, 40)]
 
     def score(x, pull):
@@ -82,7 +82,7 @@ def test_parts_of_the_data_lead_to_the_optimum_of_all():
 
 
 class Pickling(ThreadPoolExecutor):
-    """What it is given goes through pickle, as on the way to another process."""
+    """An executor that pickles its arguments, as on the way to another process."""
 
     def submit(self, fn, /, *args, **kwargs):
         return super().submit(*pickle.loads(pickle.dumps((fn, *args))))
@@ -98,12 +98,12 @@ def test_workers_of_an_executor_lead_to_the_same_optimum():
 
 
 def valley(x, part):
-    """Each part has a valley of its own."""
+    """Every part has a valley with its own optimum."""
     return banana(x) - part[1] * (x[0] - part[0]) ** 2
 
 
 def test_the_best_of_several_starts_and_how_many_agree():
-    """Two hills; the higher one is at 4."""
+    """The objective has two hills, the higher one at 4."""
 
     def score(x, part):
         return jnp.logaddexp(-2 * x[0] ** 2, 3 - 2 * (x[0] - 4) ** 2)
@@ -130,7 +130,7 @@ def test_too_few_iterations_are_told(monkeypatch):
 
 
 def sum_of_two(logs, data):
-    """White noise whose variance is the sum of two, and a third number that nothing depends on."""
+    """White noise whose variance is the sum of two numbers, and a third number that does not affect it."""
     variance = jnp.exp(2 * logs[0]) + jnp.exp(2 * logs[1])
     return -((data**2).sum() / variance + data.size * jnp.log(variance)) / 2
 
@@ -150,7 +150,7 @@ def test_it_says_what_the_data_leave_open():
     weights = np.array([[*squares / squares.sum(), 0.0], [1.0, 0.0, 0.0]])
     error, alone = combination_errors(found.information, weights)
     np.testing.assert_allclose(error, np.sqrt(1 / (2 * COUNT)), rtol=1e-3)
-    assert 0.3 < alone < 1  # open: the error of a direction that the data say nothing about is 1
+    assert 0.3 < alone < 1  # undetermined: the standard error along a direction without information is 1
 
 
 def test_many_gradients_are_taken_some_at_a_time():

@@ -82,7 +82,7 @@ def wrong(params, factor):
 
 
 def pieces_of(log):
-    """As joints are tuned: equal pieces, each a log of its own."""
+    """The log cut into equal pieces that count as separate logs, as in the tuning of joints."""
     count = -(-len(log.dt) // tune.PIECE)
     ends = np.arange(count + 1) * len(log.dt) // count
     for start, end in itertools.pairwise(ends):
@@ -99,14 +99,14 @@ def wrench_truth(params):
 
 
 def misses(fit, truth):
-    """Logarithm of the found over the true values, and the same in standard errors, flat."""
+    """Logarithm of the ratio of found to true values, and the same in standard errors, both flat."""
     error = {name: np.log(fit.values[name] / true) for name, true in truth.items()}
     in_sigmas = {name: error[name] / fit.relative_stderr[name] for name in truth}
     return np.concatenate(list(error.values())), np.concatenate(list(in_sigmas.values()))
 
 
 def same(first, second):
-    """Values equal to a hundredth of their standard errors."""
+    """Check that values agree to a hundredth of their standard errors."""
     return all(
         (np.abs(np.log(first.values[name] / second.values[name])) < 0.01 * first.relative_stderr[name]).all()
         for name in first.values
@@ -114,7 +114,7 @@ def same(first, second):
 
 
 def test_joint_noise_from_starts_wrong_by_thirty_either_way(truth):
-    """The last joint has no velocities, so their noise is named as not determined."""
+    """The last joint has no velocities, so their noise is named as undetermined."""
     robot, log = as_one_robot(truth, logs_of(truth, [0, 1], 2000))
     log.dq[:, 5] = np.nan
     (high, fit), (_, other) = (
@@ -146,7 +146,7 @@ def test_bias_and_sensor_noise_from_starts_wrong_by_thirty_either_way(truth):
 
 @pytest.mark.slow
 def test_many_logs_are_worked_through_in_parts(truth, monkeypatch):
-    """Three logs of unequal length, two at a time, one place left empty, give what all at once give."""
+    """Three logs of unequal length, processed two at a time with one empty place, give the result of one batch."""
     logs = [
         jax.tree.map(lambda x, n=n: x[:n], log)
         for log, n in zip(logs_of(truth, [0, 1, 2], 800), (800, 500, 700), strict=True)
@@ -163,7 +163,7 @@ def test_many_logs_are_worked_through_in_parts(truth, monkeypatch):
 
 @pytest.fixture(scope="module")
 def still(truth):
-    """A robot at rest whose tool weighs nothing, irregular stamps: the wrench is minus the bias, with noise."""
+    """A robot at rest with a weightless tool and irregular stamps: the wrench is minus the bias plus noise."""
     rng = np.random.default_rng(0)
     dt = np.r_[0.0, rng.uniform(0.005, 0.015, 1999)]
     density = jnp.repeat(jnp.array([0.05, 3e-3]), 3)
@@ -180,13 +180,13 @@ def still(truth):
 
 @pytest.mark.parametrize(("tie", "free"), [("one", 1), ("pair", 2), ("each", 6)])
 def test_tied_values_are_best_together(still, tie, free):
-    """No common factor makes the measurements likelier, and more data for a value make its error smaller."""
+    """No common factor makes the measurements likelier, and more data per value reduce its standard error."""
     params = still[0]
     fit = tune.fit_wrench(wrong(params, 3.0), [still], {"density": tie, "wrench_std": "each"})[1]
     assert fit.optimum.converged
     density = fit.values["density"]
     assert len(set(density)) == free
-    if tie != "one":  # forces and torques differ in truth
+    if tie != "one":  # the true noise of forces and torques differs
         assert (np.abs(np.log(density / params.bias.density)) < 4 * fit.relative_stderr["density"]).all()
         alone = tune.fit_wrench(params, [still], ALL_WRENCH_NOISE)[1].relative_stderr["density"]
         np.testing.assert_allclose(fit.relative_stderr["density"], alone * np.sqrt(free / 6), rtol=0.35)
@@ -200,14 +200,14 @@ def test_tied_values_are_best_together(still, tie, free):
 
 
 def check_recovery(error, in_sigmas):
-    """For each parameter a row of logs."""
+    """Both arguments have a row of logs for each parameter."""
     assert np.abs(np.median(error, 1)).max() < 0.1
     assert (np.abs(in_sigmas) < 3).mean() >= 0.95
 
 
 @pytest.mark.slow
 def test_twenty_logs_give_the_truth_back(truth):
-    """Medians within a tenth, and the truth within three standard errors."""
+    """The medians are within a tenth of the truth, and the truth within three standard errors."""
     logs = logs_of(truth, range(20), 6000)
     robot, log = as_one_robot(truth, logs)
     _, fit = tune.tune_joints(robot, [log], ALL_JOINT_NOISE)

@@ -1,4 +1,4 @@
-"""The score of blocks that no fit has seen, against the Gaussian density of all of them."""
+"""The score of held-out blocks, against the Gaussian density of all blocks."""
 
 import numpy as np
 import pytest
@@ -37,9 +37,9 @@ def in_blocks(seconds, slow=0.0):
 
 @pytest.mark.parametrize("louder", [1.0, 2.0])
 def test_blocks_are_scored_as_their_joint_density_says(louder):
-    """Bias, drift and its random walk as one covariance; the unseen given the seen is the ratio of two densities.
+    """Bias, drift and its random walk as one covariance; held-out blocks given the others are a ratio of densities.
 
-    The scatter of a block, sums of squares of noise with a variance, has that of a Gamma distribution beside it.
+    The scatter of a block, a sum of squares of noise, adds the log density of a Gamma distribution.
     """
     log, before = in_blocks(10.0), with_noise()
     params = before._replace(bias=before.bias._replace(wrench_variance=louder**2 * before.bias.wrench_variance))
@@ -72,7 +72,7 @@ def test_the_slow_error_that_is_there_scores_best():
 
 
 def test_noise_that_grows_with_the_motion_scores_best_where_it_is_there():
-    """By the scatter alone: the means of the blocks are the same."""
+    """Only the scatter within blocks distinguishes the models, because the means of the blocks are the same."""
     rng = np.random.default_rng(1)
     log = in_blocks(200.0)
     speed = np.abs(np.sin(log.blocks.t))[:, None]

@@ -1,4 +1,4 @@
-"""Which drift is chosen for series that were made with one, with another, or with none."""
+"""Choice of the drift model for series simulated with one drift, with another, or with none."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ PRIOR = np.concatenate([20 * STD, 0.05 * STD])
 
 
 def drifting(rng, density, time=np.inf, seconds=300):
-    """A series of blocks of 0.3 s whose drift has this strength, (6,), and reverts in this time."""
+    """A series of blocks of 0.3 s whose drift has this (6,) density and this reversion time."""
     t = stamps(seconds, 1 / 0.3)
     kept = np.exp(-0.3 / time)
     drift, bias = np.zeros(6), np.zeros((len(t), 6))
@@ -48,7 +48,7 @@ def test_a_drift_that_reverts_is_found_and_forecasts_better():
 
 
 def test_slow_errors_do_not_make_a_drift():
-    """A random walk would be likelier than constant bias and white noise, and would forecast worse."""
+    """A random walk would be likelier than constant bias with white noise, but would forecast worse."""
     rng = np.random.default_rng(3)
     series = drifting(rng, 0 * STD)
     series = series._replace(y=series.y + gauss_markov(rng, series.t, 2 * STD, 3.0))
@@ -58,7 +58,7 @@ def test_slow_errors_do_not_make_a_drift():
 
 
 def test_what_is_expected_ahead_is_what_results_of_a_filter_forecast():
-    """With the slow error that a filter tells from the bias, forgotten with its time, forecasts are better."""
+    """Forecasts improve with the slow error that a filter separates from the bias, decaying with its time constant."""
     rng = np.random.default_rng(6)
     series = drifting(rng, STATED)
     series = series._replace(y=series.y + gauss_markov(rng, series.t, 2 * STD, 3.0))

@@ -1,4 +1,4 @@
-"""Stated noise that is off by orders of magnitude does not decide what is found."""
+"""Stated noise that is wrong by orders of magnitude does not change the result."""
 
 from dataclasses import replace
 
@@ -31,14 +31,14 @@ def log():
 
 @pytest.fixture(scope="module")
 def correlated(log):
-    """With slow errors that are as large as the noise of a sample."""
+    """The log with slow errors as large as the noise of a sample."""
     slow = gauss_markov(np.random.default_rng(1), log.t, STD, 1.0)
     return log._replace(wrench=log.wrench + slow)
 
 
 @pytest.fixture(scope="module")
 def right(log):
-    """Parameters as the log was simulated with."""
+    """Parameters with which the log was simulated."""
     return max_likelihood_params(SETUP, samples_from_log(log))
 
 
@@ -61,7 +61,7 @@ def test_noise_that_is_wrong_by_500_comes_to_its_level(log, right, sensor, drift
     found = start_from_observed_level(off_by(right, sensor, drift), [log], BOTH, ft.Options()).bias
     std = np.sqrt(found.wrench_variance)
     assert (np.abs(np.log(std / STD)) < np.log(FAR)).all()
-    # A slow error that forecasts better, by chance, may stand for the drift of an axis: a log has few independent 10 s.
+    # A slow error that forecasts better by chance may replace an axis's drift: a log has few independent 10 s.
     assert (np.abs(np.log10(found.density / DENSITY)) < 1).sum() >= 5
 
 

@@ -1,4 +1,4 @@
-"""Noise that grows with the motion, found again by the gradient of the likelihood, and written where it holds out."""
+"""Noise that grows with the motion, recovered by the likelihood's gradient, and written if held-out blocks agree."""
 
 import tomllib
 
@@ -37,7 +37,7 @@ def truth(params):
 
 
 def moving_log(truth, seed, corner=CORNER):
-    """Joints known exactly, with pauses; the reading is minus the bias, with all noise."""
+    """A log with pauses and exactly known joints; the reading is minus the bias plus all noise."""
     rng = np.random.default_rng(seed)
     t = DT * np.arange(COUNT)
     swing = np.sin(2 * np.pi * rng.uniform(0.05, 0.4, 3) * t[:, None] + rng.uniform(0, 6, 3))
@@ -53,7 +53,7 @@ def moving_log(truth, seed, corner=CORNER):
 
 
 def shown(factor, speed):
-    """What blocks may say: weights off by a factor, and none where there is none."""
+    """Start of the fit as blocks may give it: weights wrong by a factor, and zero where the true weight is zero."""
     one = np.ones(6)
     return Vibration(one, factor * WEIGHTS, speed, 50.0, Shares(one, one), True)
 
@@ -78,7 +78,7 @@ def test_weights_speed_and_the_rest_come_back_within_their_errors(truth):
 
 
 def test_a_speed_below_the_least_that_a_setup_states_is_that_one(truth):
-    """Growth with the speed alone: the variance is the same from any bend far below the speeds of the log."""
+    """If noise grows linearly with the speed, any bend far below the log's speeds gives the same variance."""
     log = jax.tree.map(lambda x: x[:, ::4], moving_log(truth, 2, corner=1e-6))
     steep = shown(1.0, 1e-5)._replace(per_speed=WEIGHTS * CORNER / 1e-5)
     fitted, fit = tune_motion.fit_motion(truth, [log], steep, {})

@@ -1,4 +1,4 @@
-"""What a tuning says of itself."""
+"""What the result of a tuning prints."""
 
 from types import SimpleNamespace
 
@@ -15,8 +15,8 @@ ONES = np.ones(6)
     ("constant", "words"),
     [
         ([0.8, 1.0, 0.7, 1, 1, 1], "10 s ahead on fx, fz: `ftbias identify --crosstalk --bias`"),
-        ([0.96, 1.0, 2.0, 0.5, 1, 1], None),  # what chance explains, and torques alone
-        ([np.nan] * 6, None),  # nothing was measured where the constant would be from
+        ([0.96, 1.0, 2.0, 0.5, 1, 1], None),  # differences due to chance, and in torques alone
+        ([np.nan] * 6, None),  # nothing was measured from which to take the constant
     ],
 )
 def test_a_constant_bias_that_predicts_better_is_told(constant, words):

@@ -1,4 +1,4 @@
-"""What identify writes: never a guess, never a tool that no body can have, and always what every command reads."""
+"""What identify writes: never a guess, never an impossible tool, and always a setup that every command reads."""
 
 from dataclasses import replace
 

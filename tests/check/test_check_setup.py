@@ -1,4 +1,4 @@
-"""Mistakes of content are recognised, right setups are not suspected."""
+"""Mistakes of content are recognised, and right setups are not suspected."""
 
 import json
 import time
@@ -67,7 +67,7 @@ CHANGES = {
 
 @pytest.mark.parametrize("cutoff", [0.45, 0.6, 1.0])
 def test_a_sensor_with_a_low_cutoff_is_no_clock_that_differs(cutoff):
-    """A Butterworth filter of the second order delays what is slow by 0.23 s over its cutoff in Hz."""
+    """A second-order Butterworth filter delays slow signals by 0.23 s divided by its cutoff in Hz."""
     tables, arrays = right_log(seed=3)
     wrench = lfilter(*butter(2, cutoff, fs=100), arrays["wrench"] - arrays["wrench"][0], axis=0) + arrays["wrench"][0]
     assert names(checked(tables, arrays | {"wrench": wrench})) == []
@@ -88,7 +88,7 @@ JOINTS = {
 
 @pytest.mark.parametrize("words", JOINTS)
 def test_joints_in_another_order_direction_or_zero_are_named(words):
-    """Which another sign, gravity, mount or a payload that was subtracted would explain in part."""
+    """Another sign, gravity, mount or a subtracted payload would explain part of each mistake."""
     tables, arrays = right_log(seed=3)
     JOINTS[words](tables, arrays)
     (finding,) = checked(tables, arrays).findings
@@ -148,7 +148,7 @@ def test_what_is_on_no_list_is_worse_than_raw():
     assert found.worse_than_raw
     assert found.lines()[0].startswith("with this setup the corrected wrench is worse than the raw one: ")
     assert "another tool explains the reading" in found.findings[0].remedy
-    for command in ("identify", "diagnose", "calibrate"):  # which may start from a tool that is off
+    for command in ("identify", "diagnose", "calibrate"):  # commands that may start from a wrong tool
         found.require_ok(command)
     with pytest.raises(ft.LogError, match=r"worse than doing nothing \(another tool"):
         found.require_ok("tune")
@@ -160,7 +160,7 @@ def test_a_mount_at_an_odd_angle_is_found():
     turned([[c, -s, 0], [s, c, 0], [0, 0, 1]])(tables, arrays)
     (finding,) = checked(tables, arrays).findings
     assert finding.mistake == "sensor_axes"
-    expected = tables["sensor"]["rotation_rpy"][2] - 2.4  # readings turn opposite to axes
+    expected = tables["sensor"]["rotation_rpy"][2] - 2.4  # readings turn opposite to the axes
     np.testing.assert_allclose(finding.setup["sensor.rotation_rpy"], [0, 0, expected], atol=0.05)
 
 
@@ -222,7 +222,7 @@ def test_a_tool_that_is_merely_wrong_is_no_mistake_of_units():
 
 def test_a_sensor_that_was_zeroed_with_its_tool_needs_a_word_in_the_setup():
     tables, arrays = right_log(seed=8)
-    rest = np.repeat(np.arange(3000), np.where(np.arange(3000) == 0, 101, 1))  # it stands still for a second
+    rest = np.repeat(np.arange(3000), np.where(np.arange(3000) == 0, 101, 1))  # the arm stands still for a second
     arrays = {name: values[rest] for name, values in arrays.items()}
     arrays["t"] = np.arange(len(rest)) / 100
     arrays["dq"][:101] = 0
@@ -231,13 +231,13 @@ def test_a_sensor_that_was_zeroed_with_its_tool_needs_a_word_in_the_setup():
     found = checked(tables, arrays)
     assert names(found) == ["rezeroed"]
     assert found.findings[0].harmless
-    found.require_ok("tune")  # results are right all the same
+    found.require_ok("tune")  # results are right nevertheless
     tables["sensor"]["rezeroed"] = True
     assert checked(tables, arrays).ok
 
 
 def pushed(arrays, share):
-    """A robot that is pushed, this way and that, for a share of the log in its middle."""
+    """A robot that is pushed in changing directions for a share of the log around its middle."""
     rng = np.random.default_rng(0)
     count = len(arrays["t"])
     inside = np.abs(np.arange(count) / count - 0.45) < share / 2
@@ -304,7 +304,7 @@ def test_it_takes_no_time_where_the_setup_is_right():
 
 
 def test_conventions_of_a_recorded_pose_are_recognised_together():
-    """A quaternion in the other order, a position in the body's axes and a gyroscope in deg/s, all at once."""
+    """A quaternion in the other order, a position in the body's axes and a gyroscope in deg/s, all in one log."""
     tables, arrays = pose_log()
     setup = ft.parse_setup(tables)
     R, p = arrays.pop("rotation"), arrays["position"]
@@ -361,14 +361,14 @@ def test_the_key_that_a_tare_on_the_way_is_told_with_makes_the_setup_right():
     tables, arrays = right_log(seed=9)
     for row in (900, 1500):
         arrays["wrench"][row:] -= arrays["wrench"][row]
-    arrays["t"] = arrays["t"] + 1.7e9  # as of recordings with stamps of their own
+    arrays["t"] = arrays["t"] + 1.7e9  # absolute stamps, as in recordings
     (finding,) = checked(tables, arrays).findings
     expected = [1.7e9 + 8.995, 1.7e9 + 14.995]  # between two samples
     assert finding.setup["sensor.rezeroed_at"] == pytest.approx(expected, abs=1e-5, rel=0)
     assert finding.evidence["times"] == finding.setup["sensor.rezeroed_at"]
     assert "set sensor.rezeroed_at = [1700000008.995, 1700000014.995]" in finding.remedy
     tables["sensor"]["rezeroed_at"] = [finding.setup["sensor.rezeroed_at"][1]]
-    (rest,) = checked(tables, arrays).findings  # one is stated, one is left
+    (rest,) = checked(tables, arrays).findings  # one is stated, the other remains
     assert rest.setup["sensor.rezeroed_at"] == finding.setup["sensor.rezeroed_at"]
     tables["sensor"]["rezeroed_at"] = rest.setup["sensor.rezeroed_at"]
     assert checked(tables, arrays).ok
@@ -386,7 +386,7 @@ def test_tares_of_several_logs_are_told_without_a_key():
 
 
 def pulled_by(tables, arrays, force, lever):
-    """The log with a steady force, N in axes of the base, on the tool at this point, m in the sensor's frame."""
+    """Add a steady force to the log: N in base axes, on the tool at ``lever``, m in the sensor's frame."""
     setup = ft.parse_setup(tables)
     rotation = arm_motion(setup.robot, setup.sensor, *(arrays[name] for name in ("q", "dq", "dq"))).rotation
     pull = np.einsum("nji,j->ni", rotation, np.array(force))
@@ -394,9 +394,9 @@ def pulled_by(tables, arrays, force, lever):
 
 
 PULLS = [
-    (16, (-5.9, 1.1, -2.5), (0.05, -0.1, 0.02)),  # which a turned sensor explains in part
+    (16, (-5.9, 1.1, -2.5), (0.05, -0.1, 0.02)),  # a turned sensor explains part of it
     (14, (8.0, 0.0, 8.0), (0.0, 0.0, 0.1)),
-    (15, (-2.5, -2.0, -4.8), (-0.07, -0.04, 0.02)),  # with which the stated tool is worse than none
+    (15, (-2.5, -2.0, -4.8), (-0.07, -0.04, 0.02)),  # here the stated tool does worse than none
     (18, (0.8, -2.8, -5.8), (-0.05, 0.06, 0.01)),
 ]
 
@@ -419,7 +419,7 @@ def test_a_turned_sensor_is_found_on_a_tool_that_hangs_on_a_weight_balancer(P):
 
 @pytest.fixture
 def several(tmp_path):
-    """A setup whose mass is wrong in sign of the reading, and logs of it as files."""
+    """A setup, and logs as files in which the reading has the opposite sign."""
     tables, arrays = right_log(seed=5)
     arrays["wrench"] = -arrays["wrench"]
     setup = ft.parse_setup(tables)

@@ -1,4 +1,4 @@
-"""Contact is not taken for a mistake: pushes, and a tool that rests on a table; a sensor set to zero still is one."""
+"""Contact (pushes, a tool resting on a table) is not mistaken for a wrong setup; a sensor set to zero still is one."""
 
 import numpy as np
 import pytest
@@ -12,12 +12,12 @@ def names(check):
 
 
 def window(t, start, end, ramp):
-    """1 from start to end, 0 outside, with ramps of so many seconds."""
+    """1 from start to end, 0 outside, with ramps of ``ramp`` seconds."""
     return np.clip(np.minimum((t - start) / ramp, (end - t) / ramp), 0, 1)[:, None]
 
 
 def pushed(seed, share, strength):
-    """A person pushes along -x of the base for a share of the log, at some point of the tool."""
+    """A person pushes along -x of the base for a share of the log, at a point of the tool."""
     tables, arrays, _, motion = log_with_rests(seed, [])
     rng = np.random.default_rng(seed)
     start = rng.uniform(0, 40 * (1 - share))
@@ -45,14 +45,14 @@ def test_gravity_that_is_stated_wrong_is_named_though_the_arm_is_pushed(gravity)
 
 
 def resting(seed, start, end, ramp):
-    """A tool on a table from start to end in the pose in which the sensor was set to zero before: it carries the tool.
+    """A table carries the tool from start to end, in the pose in which the sensor was set to zero before.
 
     The tool touches down as the arm slows down, and leaves the table as the arm sets off.
     """
     tables, arrays, tool, _ = log_with_rests(seed, [(start, end)])
     t = arrays["t"]
     there = tool[np.argmin(np.abs(t - np.clip((start + end) / 2, 0, 40)))]
-    free = tool - there + arrays["wrench"] - tool  # the bias is gone
+    free = tool - there + arrays["wrench"] - tool  # without the bias
     free -= free.mean(0) - (tool - there).mean(0)
     press = np.array([1.0, -2.0, 25.0, 0.5, 0.2, 0.1])
     arrays["wrench"] = free + window(t, start - 0.25, end + 0.25, ramp) * press
@@ -71,7 +71,7 @@ def test_a_tool_that_leaves_a_table_has_not_been_set_to_zero(start, end, ramp):
 def test_an_external_wrench_that_returns_to_zero_is_no_tare(ramp):
     for seed in range(3):
         tables, arrays, _, _ = log_with_rests(seed, [])
-        row = 2400  # where it ends the reading is zero, as it was for a moment before it began
+        row = 2400  # the reading is zero when the contact ends, as it was for a moment before it began
         arrays["wrench"] = arrays["wrench"] - arrays["wrench"][row]
         extra = window(arrays["t"], 10.0, 24.0, ramp) * [20.0, -10, 15, 0.5, 0.3, -0.2]
         arrays["wrench"] = arrays["wrench"] + extra
@@ -94,7 +94,7 @@ def test_a_sensor_that_is_set_to_zero_is_told_from_contact(rests, touched):
 
 @pytest.mark.parametrize("force", [0.0, 60.0])
 def test_a_tool_that_stands_on_a_table_as_the_log_begins_is_no_offset(force):
-    """Without bias a table that carries the tool makes the sensor read zero, and one that pushes reads far off."""
+    """Without bias, a table that carries the tool makes the sensor read zero; one that pushes gives a large reading."""
     tables, arrays, tool, _ = log_with_rests(2, [(-9.0, 6.0)])
     on = window(arrays["t"], -9.0, 6.25, 0.2)
     free = arrays["wrench"] - np.mean(arrays["wrench"] - tool, axis=0)

@@ -1,4 +1,4 @@
-"""Kinematics in NumPy: the same as those of the model."""
+"""Kinematics in NumPy agree with those of the model."""
 
 import jax
 import jax.numpy as jnp
@@ -52,7 +52,7 @@ def test_motion_of_a_recorded_pose_is_that_of_the_model(setup):
 
 
 def test_a_position_in_the_axes_of_the_body_is_turned_into_the_base(setup):
-    """A body that spins about z at 2 rad/s around a point 0.5 m away: its position stands still in its own axes."""
+    """A body that spins about z at 2 rad/s around a point 0.5 m away has a constant position in its own axes."""
     t, rate = np.linspace(0, 1, 5), 2.0
     zero = np.zeros_like(t)
     half = rate * t / 2

@@ -1,4 +1,4 @@
-"""Mounts: only rotations and a sign, and what a motion about one axis cannot tell apart is listed together."""
+"""Mounts: only rotations and a sign; those that a motion about one axis cannot distinguish are listed together."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from ftbias_jax.setup.rotations import rotation_from_rpy, rotation_from_vector
 
 
 def about_one_axis(seed, joint):
-    """A log of one joint that swings, its sensor along the flange."""
+    """A log of one swinging joint, with the sensor along the flange."""
     rng = np.random.default_rng(seed)
     tables = {**TABLES, "sensor": {"noise_std": [0.1, 0.004]}}
     setup = ft.parse_setup(tables)
@@ -52,7 +52,7 @@ def test_a_right_log_about_one_axis_is_not_suspected():
 
 
 def test_what_a_log_cannot_tell_apart_is_told_together():
-    """The opposite sign may read as a sensor does that is turned by half a turn about the axis of the motion."""
+    """The opposite sign may read like a sensor turned by half a turn about the axis of the motion."""
     tables, arrays = about_one_axis(0, 5)
     arrays["wrench"] = -arrays["wrench"]
     found = checked(tables, arrays)
@@ -71,7 +71,7 @@ def test_every_mount_that_is_tried_is_a_rotation():
     tables, arrays = right_log(seed=3)
     setup = ft.parse_setup(tables)
     case = case_of_bins(setup, [bins_of(ft.Log.from_arrays(setup, **arrays), setup)])
-    state = stated(case.trimmed(0.6))  # where none is left out beforehand
+    state = stated(case.trimmed(0.6))  # no mount is excluded beforehand
     for other in mounts(state):
         assert set(other.setup) <= {"sensor.rotation_rpy", "sensor.reports", "tool.center_of_mass"}
     tried = [other.setup for other in mounts(state)]

@@ -31,7 +31,7 @@ CHANGES = {
 
 
 def stamped(arrays, seed=0):
-    """Poses that were taken by hand, now and then."""
+    """Poses that were recorded by hand at irregular times."""
     return {**arrays, "t": 1.7e9 + np.cumsum(np.random.default_rng(seed).uniform(4, 60, len(arrays["q"])))}
 
 

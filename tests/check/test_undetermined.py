@@ -1,4 +1,4 @@
-"""What a log cannot show is told, instead of being called right."""
+"""What a log cannot show is reported as undetermined, instead of as correct."""
 
 import json
 
@@ -16,7 +16,7 @@ def unseen(tables, arrays):
 
 
 def held_at(arrays, row):
-    """The same arm in one pose, with its noise."""
+    """The same arm held in one pose, with noise."""
     still = np.random.default_rng(0).normal(size=arrays["wrench"].shape) * np.repeat([0.1, 0.004], 3)
     wrench = arrays["wrench"][row] + still
     return {**arrays, "q": np.tile(arrays["q"][row], (len(still), 1)), "dq": 0 * arrays["dq"], "wrench": wrench}
@@ -32,7 +32,7 @@ def test_at_rest_nearly_everything_is_open():
     found = checked(tables, held_at(arrays, 100))
     assert found.ok
     seen = set(OF_ARM) - {kind.mistake for kind in found.undetermined}
-    # Numbers of joints that are no degrees, an offset, and a reading of zero show at rest, too.
+    # Angles in degrees, an offset, and a reading set to zero also show at rest.
     assert seen == {"angle_units", "raw_offset", "rezeroed"}
     assert all(kind.remedy for kind in found.undetermined)
 
@@ -51,7 +51,7 @@ def test_what_is_open_is_written_and_printed_with_what_would_show_it(tmp_path):
 
 
 def test_a_turn_about_the_vertical_shows_no_more_than_rest():
-    """The weight stays where it is in the sensor; what turns is seen by a slow joint alone."""
+    """The weight is constant in the sensor's frame; only a slow joint moves."""
     tables, arrays = right_log(seed=6)
     q = np.tile(arrays["q"][:1], (len(arrays["t"]), 1))
     q[:, 0] = 0.5 * np.sin(0.3 * arrays["t"])
@@ -65,7 +65,7 @@ def test_a_mistake_that_is_called_open_is_not_found_when_it_is_made():
     tables, arrays = right_log(seed=6)
     setup = ft.parse_setup(tables)
     assert "time_offset" not in unseen(tables, arrays)
-    slow = {**arrays, "t": 50 * arrays["t"], "dq": arrays["dq"] / 50}  # so slowly that half a second is nothing
+    slow = {**arrays, "t": 50 * arrays["t"], "dq": arrays["dq"] / 50}  # so slow that half a second does not matter
     found = checked(tables, slow)
     assert "time_offset" in {kind.mistake for kind in found.undetermined}
     late = {**slow, "wrench": np.roll(slow["wrench"], round(0.5 * 2), 0)}

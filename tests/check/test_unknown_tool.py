@@ -1,4 +1,4 @@
-"""A setup need not state the tool to be checked: the log's own tool, in whichever sign, takes its place."""
+"""A setup need not state the tool to be checked: the tool fitted to the log, of either sign, replaces it."""
 
 import made_weights as made
 import numpy as np

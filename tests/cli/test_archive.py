@@ -1,4 +1,4 @@
-"""Archives: what the manifest says, what is skipped, and what one bad log does to the others."""
+"""Archives: content of the manifest, which logs are skipped, and the effect of one bad log on the others."""
 
 import importlib.util
 import json
@@ -47,7 +47,7 @@ def test_a_result_is_that_of_the_single_command(logs):
     assert main(["filter", "logs/b.npz", "--setup", "setup.toml", "-o", "b.npz"]) == 0
     of_archive = outputs()["b.npz"]
     for name, values in npz.load_npz("b.npz").items():
-        if values.dtype.kind == "f":  # a single short log is compiled for few calls, which rounds otherwise
+        if values.dtype.kind == "f":  # a single short log is compiled for few calls, which rounds differently
             np.testing.assert_allclose(of_archive[name], values, rtol=1e-6, atol=1e-15)
         else:
             np.testing.assert_array_equal(of_archive[name], values)
@@ -78,7 +78,7 @@ def test_error_bars_contain_the_stated_error_of_the_tool(logs, capsys):
 
 @pytest.fixture
 def done(monkeypatch):
-    """Outputs of the logs that were worked on."""
+    """Outputs of the logs that were processed."""
     done, whole = [], archive.do_task
 
     def counted(task, **rest):
@@ -100,7 +100,7 @@ def test_only_what_is_not_done_is_filtered_again(logs, done):
     first, before = manifest(), outputs()
     assert again() == []
     assert manifest() == first
-    write_log(logs / "b.npz", 7)  # another log under the name
+    write_log(logs / "b.npz", 7)  # another log under the same name
     (logs.parent / "out" / "day" / "a.npz").write_bytes(b"cut")
     assert again() == ["b.npz", "day/a.npz"]
     assert again() == []
@@ -167,7 +167,7 @@ def test_a_log_is_known_by_its_content_not_by_its_times(logs, done):
     os.utime(restored, ns=(0, 0))  # the same log from a backup
     times = forged.stat()
     size = len(forged.read_bytes())
-    write_log(forged, 9)  # another log with the old one's size and time of change
+    write_log(forged, 9)  # another log with the size and modification time of the old one
     os.utime(forged, ns=(times.st_atime_ns, times.st_mtime_ns))
     assert len(forged.read_bytes()) == size
     done.clear()
@@ -247,12 +247,12 @@ def test_a_log_whose_process_was_killed_has_failed(monkeypatch):
 
 
 def lasting(entry):
-    """What does not depend on when a log was filtered."""
+    """The part of an entry that does not depend on when a log was filtered."""
     return entry._replace(seconds=0, done=0)
 
 
 def test_processes_give_the_results_of_one(logs):
-    assert Context().run(filter_archive, "logs") == 0  # with programs compiled as those of processes are
+    assert Context().run(filter_archive, "logs") == 0  # with programs compiled like those of separate processes
     expected, entries = outputs(), manifest()
     for path in (logs.parent / "out").rglob("*.*"):
         path.unlink()

@@ -26,7 +26,7 @@ def files():
 
 @pytest.fixture
 def swapped(tmp_path, monkeypatch):
-    """Three logs of an arm of six joints; in the last one force and torque are swapped."""
+    """Three logs of a six-joint arm; in the last one force and torque are swapped."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "logs").mkdir()
     for seed in range(3):
@@ -102,7 +102,7 @@ def test_diagnose_writes_the_setup_with_the_causes_of_each_log(logs, monkeypatch
 
 
 def test_a_setup_that_predicts_a_log_of_many_worse_is_not_written(logs, monkeypatch, make_diagnosis, capsys):
-    """The causes are made up, and the stated setup is right."""
+    """The causes are made up; the stated setup is right."""
     answer = make_diagnosis(causes=(candidate(),))
     monkeypatch.setattr(diagnosing, "diagnose", lambda setup, read, names, **more: answer)
     assert run("diagnose", "logs/b.npz", "--apply") == 3

@@ -1,4 +1,4 @@
-"""Archives in a bucket of a server that speaks S3: the same as in a folder, also after a process was killed."""
+"""Archives in a bucket of an S3 server give the same as in a folder, also after a process was killed."""
 
 import json
 import os
@@ -23,7 +23,7 @@ NAMES = ["b.npz", "day/a.npz", "day/c.npz"]
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
-    """Address of a server that is a process of its own."""
+    """Address of a server in a process of its own."""
     words = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", "0"]
     said = tmp_path_factory.mktemp("server") / "said.txt"
     with open(said, "w") as file:
@@ -38,7 +38,7 @@ def server(tmp_path_factory):
 
 @pytest.fixture
 def store(server, tmp_path, monkeypatch):
-    """The store with an empty bucket, and in the current folder a setup and logs."""
+    """The store with an empty bucket; the current folder has a setup and logs."""
     import s3fs
 
     told = {"ENDPOINT_URL": server, "ACCESS_KEY_ID": "me", "SECRET_ACCESS_KEY": "mine", "DEFAULT_REGION": "us-east-1"}
@@ -87,7 +87,7 @@ def test_what_is_done_in_a_bucket_is_not_done_again(store, capsys):
     assert main(filter_words()) == 0
     assert "(3 of all were done before)" in capsys.readouterr().out
     assert lines(store)[: len(before)] == before
-    assert len(lines(store)) == len(before) + 1  # that a run began
+    assert len(lines(store)) == len(before) + 1  # a run has begun
     store.pipe_file("fleet/results/day/a.npz", store.cat("fleet/results/day/a.npz")[:-1] + b"x")
     assert main(filter_words()) == 0
     assert "(3 of all" in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""The recipes for clusters: what they run is understood by this command line."""
+"""The recipes for clusters: the command line accepts the commands that they run."""
 
 import re
 import shlex

@@ -14,7 +14,7 @@ import ftbias_jax as ft
 
 def started(module, *arguments):
     words = [sys.executable, "-m", module, *arguments]
-    return subprocess.Popen(words, stderr=subprocess.PIPE, text=True, cwd="/")  # not where the command is given
+    return subprocess.Popen(words, stderr=subprocess.PIPE, text=True, cwd="/")  # not where the command is run
 
 
 @pytest.fixture

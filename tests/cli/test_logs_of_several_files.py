@@ -1,4 +1,4 @@
-"""Archives of logs of which each stream is a file of its own: one result and one line of the manifest a log."""
+"""Archives of logs with a file per stream: one result and one line of the manifest per log."""
 
 import hashlib
 import json
@@ -31,7 +31,7 @@ def with_files(files):
 
 @pytest.fixture
 def flat(tmp_path, monkeypatch):
-    """Two logs of two files each in one folder, beside a file that belongs to none."""
+    """Two logs of two files each in one folder, and a file that belongs to neither."""
     monkeypatch.chdir(tmp_path)
     for shared in ("a", "bb"):
         split(tmp_path / "logs" / "whole.npz", STAR, shared)

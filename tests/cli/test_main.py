@@ -1,4 +1,4 @@
-"""The command line: what it writes, what it refuses in one line, and the exit codes."""
+"""The command line: what it writes, which input it refuses with one line, and the exit codes."""
 
 import contextlib
 import io
@@ -28,13 +28,13 @@ OUTPUT = {
     **dict.fromkeys(["t", "nis"], None),
 }
 TEXTS = ("about", "provenance")
-"""Arrays of words, in which files are named."""
+"""Arrays of text, which name files."""
 SMOOTHED = ["bias_smooth", "drift_smooth", "bias_smooth_std", "drift_smooth_std"]
 
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """The folder of a demonstration and what it printed. Its diagnosis is told the answer; not so in test_demo.py."""
+    """Folder and output of a demonstration whose diagnosis is given the answer, unlike in test_demo.py."""
     folder, printed = tmp_path_factory.mktemp("demo") / "new" / "folder", io.StringIO()
     with contextlib.redirect_stdout(printed), pytest.MonkeyPatch.context() as patch:
         patch.setattr("ftbias_jax.cli.commands.demo._diagnose", knowing_diagnosis)
@@ -51,7 +51,7 @@ def knowing_diagnosis(setup, log, folder):
 
 @pytest.fixture
 def copy(demo, tmp_path):
-    """The demonstration's log as arrays and its setup as text, to be changed; and how to filter them."""
+    """The demonstration's log as arrays and its setup as text, both to be changed, and a function that filters them."""
     arrays, text = npz.load_npz(demo[0] / "log.npz"), (demo[0] / "setup.toml").read_text()
 
     def run(arrays, text, *more):
@@ -67,7 +67,7 @@ def filter_log(folder, log, setup, *more):
 
 
 def assert_one_line(capsys, *words):
-    """On standard error, and nothing on standard output."""
+    """Check that an error is one line on standard error, with nothing on standard output."""
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err.startswith("ftbias: ")
@@ -131,10 +131,10 @@ def test_filter_writes_what_the_formats_say(demo, tmp_path, capsys):
     np.testing.assert_allclose(result["wrench_unbiased"], log["wrench"] + result["bias"], rtol=0, atol=1e-5)
     assert (result["bias_smooth_std"] <= result["bias_std"] * (1 + 1e-9)).all()
     for name, values in npz.load_npz(folder / "before.npz").items():
-        if name not in TEXTS:  # a short log is compiled for few calls by the command, which rounds otherwise
+        if name not in TEXTS:  # the command compiles a short log's program for few calls, which rounds differently
             np.testing.assert_allclose(result[name], values, rtol=1e-6, atol=1e-12)
     printed = capsys.readouterr()
-    assert not re.search("error|warning", printed.err)  # on a slow machine what it is at, nothing else
+    assert not re.search("error|warning", printed.err)  # on a slow machine only progress
     assert f"{DURATION * RATE} wrench samples" in printed.out
     assert "consistency of the innovations" in printed.out
     assert f"wrote {tmp_path / 'out.npz'} and {plot}" in printed.out
@@ -143,7 +143,7 @@ def test_filter_writes_what_the_formats_say(demo, tmp_path, capsys):
 
 @pytest.mark.parametrize(("reports", "sign"), [("wrench_on_tool", 1), ("wrench_on_sensor", -1)])
 def test_offsets_are_what_is_added_to_the_reading(copy, tmp_path, capsys, reports, sign):
-    """For both signs: the last reading plus the offsets is the last corrected wrench, in the sensor's own sign."""
+    """For both signs, the last reading plus the offsets is the last corrected wrench, in the sensor's own sign."""
     arrays, text, run = copy
     text = text.replace("wrench_on_tool", reports)
     arrays["wrench"] *= sign

@@ -1,4 +1,4 @@
-"""What options accept, and that they say what else it must be; the table of commands names what is there."""
+"""Values that options accept, and their reasons for refusing others; the table of commands names existing code."""
 
 import importlib
 from argparse import ArgumentTypeError

@@ -1,4 +1,4 @@
-"""What a command replaces: what it wrote before, as the same kind, and nothing else without --force."""
+"""Files that a command replaces: its own earlier outputs of the same kind, and others only with --force."""
 
 import argparse
 import os
@@ -51,9 +51,9 @@ OUTPUTS = {
     ("report", "output"): "report log.npz -o {}.html",
     ("setup", "output"): "setup --robot panda -o {}.toml",
 }
-"""Command and option -> words with the place of the output's name."""
+"""Command and option -> arguments with a placeholder for the output's name."""
 CHECKED_ELSEWHERE = {("demo", "output"), ("sample", "output")}
-"""A folder that must be new or a demonstration's (test_outputs.py), or empty (simulators/test_sample.py)."""
+"""Options for a folder that must be new or a demonstration's (test_outputs.py) or empty (simulators/test_sample.py)."""
 NAMES = {"output", "json", "html", "plot", "offsets", "truth", "out", "ros", "bag", "ur", "franka"}
 
 
@@ -116,7 +116,7 @@ def test_a_folder_of_logs_does_not_replace_what_it_has_not_written(folder, capsy
     assert main(["filter", "run", "--setup", "setup.toml", "-o", "out"]) == 0
     written = (folder / "out" / "rec.npz").read_bytes()
     write_log(folder / "run" / "rec.npz", 3)
-    assert main(["filter", "run", "--setup", "setup.toml", "-o", "out"]) == 0  # its own result
+    assert main(["filter", "run", "--setup", "setup.toml", "-o", "out"]) == 0  # a result of its own
     assert (folder / "out" / "rec.npz").read_bytes() != written
 
 

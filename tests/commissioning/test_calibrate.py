@@ -1,4 +1,4 @@
-"""The road from a log to a setup: what is kept, what is refused, and the whole of it on a made log."""
+"""The steps from a log to a setup: which are kept, which are refused, and all of them on a simulated log."""
 
 import tomllib
 from contextlib import nullcontext
@@ -38,8 +38,8 @@ def readings(log):
 def faked(monkeypatch):
     """Calibrations whose diagnosis, identification and errors are made up.
 
-    Args of what it gives: errors by (effects, mass); what a diagnosis finds in a setup; the mass that is identified;
-    what only all of the log shows beside the causes; standard errors of the tool beside them.
+    Arguments of the returned function: errors by (effects, mass); causes of a diagnosis; the identified mass; further
+    causes that only the whole log shows; standard errors of the tool beside the causes.
     """
 
     def make(errors, causes=(), mass=1.0, trouble=None, late=(), beside=None):
@@ -94,17 +94,17 @@ def test_what_predicts_better_is_kept_and_repeated_with_all_of_the_log(faked):
     calls = faked(lambda effects, mass: 0.5 if effects else 1.0, [CAUSE], mass=2.0, late=[late])
     found = calibrate(TRUE, [LOG], unchecked=True)
     assert [(step.kind, step.kept) for step in found.steps] == [
-        ("tool, first", True),  # or a cause would stand for what a wrong tool does
+        ("tool, first", True),  # first, because a cause would mimic a wrong tool
         ("causes", True),
-        ("tool", True),  # it predicts no worse, and nobody stated the tool with an error
+        ("tool", True),  # it predicts no worse, and the setup states no standard error of the tool
         ("causes", False),
-        ("gains and crosstalk", False),  # last, or they would stand for a cause
+        ("gains and crosstalk", False),  # last, because they would mimic a cause
     ]
     assert set(found.setup.effects) == {"low_pass"}
     assert found.setup.tool.mass == 2.0
     begun = round(0.75 * len(LOG.t))
     assert calls[:2] == [("identify", begun), ("diagnose", begun)]
-    whole = [name for name, count in calls if count == len(LOG.t)]  # some of it while a second round finds nothing
+    whole = [name for name, count in calls if count == len(LOG.t)]  # partly while round two finds nothing
     assert whole == ["identify", "diagnose", "identify"]
     assert list(found.rows) == [GIVEN, CALIBRATED, HELD_TARE, CONSTANT]
     assert "errors 50" in found.steps[1].why
@@ -132,7 +132,7 @@ def test_what_all_of_the_log_makes_worse_is_not_repeated(faked, monkeypatch):
 
 
 def test_a_tool_that_only_predicts_as_well_is_not_taken_twice(faked):
-    """It is looked for again where a second round has changed something else."""
+    """The tool is sought again only after a second round has changed something else."""
 
     def errors(effects, mass):
         return 0.5 if effects and [kind for kind, _ in calls].count("diagnose") > 1 else 1.0
@@ -146,7 +146,7 @@ def test_a_tool_that_only_predicts_as_well_is_not_taken_twice(faked):
 
 
 def test_causes_may_still_move_a_tool_that_was_identified_without_them(faked):
-    """Until it was identified beside them; what nothing has moved keeps the errors of its identification."""
+    """Once identified beside them, a tool that nothing has changed keeps the standard errors of its identification."""
     faked(lambda effects, mass: 1.0 if mass == 2.0 else 3.0, mass=2.0)
     start = with_loose_tool(TRUE)
     exact = replace(TRUE, tool=replace(TRUE.tool, mass=2.0, mass_std=1e-3, center_of_mass_std=np.full(3, 1e-4)))
@@ -156,7 +156,7 @@ def test_causes_may_still_move_a_tool_that_was_identified_without_them(faked):
 
 
 def test_a_tool_is_as_uncertain_as_the_causes_beside_it(faked):
-    """What is identified with causes as they were found knows nothing of their errors."""
+    """An identification with fixed causes does not include the causes' errors."""
     stated = replace(TRUE, tool=replace(TRUE.tool, mass_std=0.3, center_of_mass_std=np.full(3, 1e-3)))
     beside = {"mass": np.array(0.2), "center_of_mass": np.array([5e-4, 0.02, 0.03])}
     faked(lambda effects, mass: 0.5 if effects else 1.0, [CAUSE], mass=2.0, beside=beside)
@@ -217,7 +217,7 @@ center_of_mass = [0.0, 0.0, 0.06]
 
 @pytest.mark.parametrize(("true", "found"), [(0.03, 0.033), (0.3, 0.3), (2.5, 2.7)])
 def test_unseen_accelerations_of_a_log_of_orientations_are_found_in_steps(monkeypatch, true, found):
-    """Smaller or larger ones, or those that are stated; one step says what came of it."""
+    """Smaller, larger or the stated accelerations are kept; one step reports the result."""
 
     def judge(setup, logs, hold_out):
         return judged(1 + abs(np.log(setup.pose.acceleration_std / true)))

@@ -1,4 +1,4 @@
-"""Logs diagnosed and tools identified one by one: as each by itself, here and by an executor."""
+"""Logs diagnosed and tools identified separately: each as in a single call, here and by an executor."""
 
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context

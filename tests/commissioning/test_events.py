@@ -1,4 +1,4 @@
-"""What goes by the clock of one log is left out of a setup for other logs; what follows motion or temperature stays."""
+"""Effects tied to the clock of one log are left out of a setup for other logs; those of motion or temperature stay."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Comparisons of predictions, on errors that are made up."""
+"""Comparisons of predictions, on synthetic errors."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ def test_errors_that_are_smaller_by_more_than_chance_are_better():
 
 
 def test_the_standard_error_is_that_of_chance():
-    """Over draws of errors that are equally large."""
+    """The scatter over draws of errors that are equally large."""
     found = [compare(judged(seed=2 * i), judged(seed=2 * i + 1)) for i in range(60)]
     ratios = [x.share / x.stderr for x in found]
     assert 0.7 < np.std(ratios) < 1.5
@@ -52,7 +52,7 @@ def test_smaller_errors_are_not_bought_by_leaving_out_or_by_being_sure(new, cost
 
 
 def test_one_bad_stretch_is_no_reason():
-    """A single stretch decides the mean, and the jackknife sees that."""
+    """A single segment decides the mean, which the jackknife detects."""
     old = judged(1.0, 1)
     errors = old.errors.copy()
     errors[:, SEGMENT == 3] *= 3
@@ -82,7 +82,7 @@ def test_the_table_has_a_row_for_each_horizon_and_a_dash_for_what_is_not_known()
 
 @pytest.mark.slow
 def test_to_wait_until_a_lag_is_forgotten_costs_nothing():
-    """What the sensor read before the log began is in its first readings, and a setup that says so is no worse."""
+    """The first readings contain what the sensor read before the log began; a setup that models this is no worse."""
     lagging = replace(SETUP, effects={"low_pass": {"cutoff": 1.5}})
     log = _cut(simulate(lagging, duration=12, rate=50, seed=3).log, 200)
     without, knowing = (judge(setup, [log], 1.0) for setup in (SETUP, lagging))
@@ -99,7 +99,7 @@ def _cut(log, first):
 
 
 def test_setups_that_leave_out_samples_are_compared_with_those_that_do_not():
-    """Repetitions are worth nothing to a setup that knows of them, and are no samples that it does without."""
+    """A setup that models repetitions gives them no weight; they do not count as samples that it leaves out."""
     log = simulate(SETUP, duration=4, rate=50, seed=3).log
     wrench = log.wrench.copy()
     wrench[150:190:2] = wrench[149:189:2]

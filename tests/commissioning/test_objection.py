@@ -1,4 +1,4 @@
-"""A setup with what was found is not written if it predicts worse; what does it is named."""
+"""A setup with the causes found is not written if it predicts worse, and the responsible cause is named."""
 
 from types import SimpleNamespace
 
@@ -23,7 +23,7 @@ def cause(name, parameters):
 
 @pytest.fixture
 def objection(monkeypatch, make_diagnosis):
-    """Of causes, where a setup's errors are twice as large with a delay and half as large with a low-pass alone."""
+    """Objection to causes; a setup's errors are twice as large with a delay and half as large with only a low-pass."""
 
     def judge(setup, logs, hold_out):
         assert hold_out == 1.0

@@ -1,4 +1,4 @@
-"""Parts that a tool carries: found, told, and known to what comes after."""
+"""Parts that a tool carries: found, reported, and included in what follows."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ LOAD = Term("acceleration", "payload", "base", "force", 0, (), TIMES, POINT, np.
 
 
 class Told:
-    """A diagnosis with a load, or without."""
+    """A diagnosis with or without a load."""
 
     def __init__(self, *terms):
         self.terms, self.sentence = terms, "The log agrees with the setup."
@@ -26,7 +26,7 @@ class Told:
 
 @pytest.fixture
 def told(monkeypatch):
-    """(terms) -> the diagnosis says these."""
+    """(terms) -> replace the diagnosis by one with these terms."""
     return lambda *terms: monkeypatch.setattr(payloads, "diagnose", lambda *a, **k: Told(*terms))
 
 

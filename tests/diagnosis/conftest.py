@@ -1,4 +1,4 @@
-"""The demonstration's robot, as its setup states it, and logs of it."""
+"""The setup of the demonstration's robot, and logs of it."""
 
 import pytest
 from demo_logs import recorder

@@ -1,4 +1,4 @@
-"""Every fault of an own effect is told in a sentence, and an effect in order passes."""
+"""Every fault of an own effect is reported in one sentence, and a correct effect passes."""
 
 import jax
 import jax.numpy as jnp

@@ -1,4 +1,4 @@
-"""The whole diagnosis on simulated logs: the cause by name, nothing where nothing is, and honesty without the cause."""
+"""The whole diagnosis on simulated logs: the cause by name, none where there is no gap, unknown without the cause."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ def test_a_log_of_the_model_has_no_cause(setup, record):
 
 @pytest.mark.slow
 def test_an_axis_that_stands_still_is_named_and_no_contact(setup, record):
-    """Its samples would look like a push that lasts as long as they do."""
+    """Its samples would look like a push of the same duration."""
     log = record(None)
     wrench = np.array(log.wrench)
     wrench[1000:1800, 2] = wrench[1000, 2]
@@ -49,7 +49,7 @@ def test_a_wrong_mass_is_named_measured_and_removed(setup, record):
 
 @pytest.mark.slow
 def test_a_sensor_that_sits_elsewhere_on_the_flange_is_named_and_measured(setup, record):
-    """As in a setup that nobody has completed, which has it at the flange's origin."""
+    """As in a drafted setup, which places the sensor at the flange's origin."""
     place = np.array([0.01, 0.0, 0.04])
     diagnosis = diagnose(setup, [record({"mount_translation": {"translation": jnp.array(place)}})], ["elsewhere"])
     assert diagnosis.verdict == "explained"
@@ -87,7 +87,7 @@ def test_a_tool_on_one_hinge_is_named_with_its_share(setup, record):
 
 @pytest.mark.slow
 def test_all_of_a_crosstalk_matrix_is_within_its_errors(setup, record):
-    """The entries that look alike on this motion have wide errors; a few entries alone would be told far too surely."""
+    """Entries that look alike on this motion have wide errors; with only a few entries they would be far too small."""
     matrix = np.eye(6)
     matrix[0, 2], matrix[2, 4], matrix[4, 0] = 0.04, -0.3, 0.003
     diagnosis = diagnose(setup, [record({"crosstalk": {"matrix": jnp.array(matrix)}})], ["leaking"])
@@ -101,7 +101,7 @@ def test_all_of_a_crosstalk_matrix_is_within_its_errors(setup, record):
 
 @pytest.mark.slow
 def test_a_contact_beside_a_wrong_tool_is_told_apart(setup, record):
-    """Two presses 1.2 s apart: what the tool does between them is no contact."""
+    """There are two presses 1.2 s apart; the tool's motion between them is not contact."""
     effects = {
         "tool_com": {"center_of_mass": jnp.array([0.02, -0.01, 0.07])},
         "contact": {
@@ -152,7 +152,7 @@ def test_a_log_that_is_touched_all_along_shows_nothing_else(setup, record):
 
 @pytest.mark.slow
 def test_a_prediction_that_is_no_number_is_not_a_perfect_one(setup, record):
-    """NaN counts as missing in a filter; in a fit it must count as impossible."""
+    """NaN counts as missing in a filter, but must count as impossible in a fit."""
     problem, _ = make_problem(setup, [record(None)])
     place = layout(7).of_effect("tool_mass")[0]
     broken = Hypothesis("tool_mass", (int(place),), (float("nan"),))
@@ -162,7 +162,7 @@ def test_a_prediction_that_is_no_number_is_not_a_perfect_one(setup, record):
 
 
 def test_a_stated_bias_is_taken_off_before_the_fits(setup, record):
-    """A filter that starts at the stated bias sees the same innovations whatever the bias is."""
+    """A filter that starts at the stated bias has the same innovations whatever the bias is."""
     level, drift = np.arange(1.0, 7.0), np.full(6, 0.1)
     log = record(None)
     stated = replace(setup, bias=replace(setup.bias, initial=level, initial_drift=drift))
@@ -173,7 +173,7 @@ def test_a_stated_bias_is_taken_off_before_the_fits(setup, record):
 
 @pytest.mark.slow
 def test_two_logs_of_one_robot_share_the_tool(setup, record):
-    """The mass is wrong in both, and is told once, with the error of both; each log is told beside it."""
+    """The mass is wrong in both logs; it is reported once, with the error of both, and beside it for each log."""
     log = record({"tool_mass": {"mass": jnp.array(0.96)}})
     diagnosis = diagnose(setup, [log, log], ["one", "other"])
     assert diagnosis.causes[0].effect == "tool_mass"

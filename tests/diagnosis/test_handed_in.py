@@ -1,4 +1,4 @@
-"""An entry of the catalogue that is deleted and handed in as an effect of one's own gives the same diagnosis."""
+"""An entry that is deleted from the catalogue and passed as an own effect gives the same diagnosis."""
 
 from types import SimpleNamespace
 
@@ -19,7 +19,7 @@ JOINTS = 7
 
 @pytest.fixture
 def hand_in(monkeypatch, tmp_path):
-    """Deletes an entry, and gives the catalogue with it as a user's file brings it."""
+    """Delete an entry, and return the catalogue with that entry as a user's file adds it."""
 
     def hand_in(name):
         entry = CATALOGUE[name]
@@ -49,7 +49,7 @@ def test_an_entry_that_is_handed_in_is_fitted_and_searched_as_before(name, hand_
 
 
 def _coordinates(name, catalogue):
-    """Of each parameter of an effect: name, bounds of its coordinates, and which are fitted, counted from the first."""
+    """Name, bounds of the coordinates and fitted ones of each parameter of an effect, counted from the first."""
     whole = layout(JOINTS, catalogue)
     free = movable(SimpleNamespace(layout=whole), catalogue[name])
     slices = [(parameter, s) for (effect, parameter), s in whole.slices.items() if effect == name]

@@ -1,4 +1,4 @@
-"""A diagnosis knows no effect by name: what it needs to know of each stands in the catalogue."""
+"""The diagnosis knows no effect by name: what it needs to know of an effect is in the catalogue."""
 
 import ast
 import re

@@ -1,4 +1,4 @@
-"""Logs of one robot over time: the day on which a cause began, and how much of it each log has."""
+"""Logs of one robot over time: the day on which a cause began, and its size in each log."""
 
 import json
 from dataclasses import replace
@@ -70,7 +70,7 @@ def test_a_cause_that_a_log_does_not_show_has_a_share_of_no_weight():
 
 @pytest.mark.slow
 def test_logs_together_name_the_cause_and_its_first_day(setup, tmp_path, capsys):
-    """Sixteen logs of 12 s, of which the last six have another gain; by the stamps in them, not by their names."""
+    """Sixteen logs of 12 s, the last six with another gain; their order is that of the stamps, not of the names."""
     setup = replace(setup, sensor=replace(setup.sensor, noise_std=4 * setup.sensor.noise_std))
     (tmp_path / "cell.toml").write_text(ft.dump_setup(setup))
     logs = [tmp_path / f"{name}.npz" for name in np.random.default_rng(0).permutation(16)]

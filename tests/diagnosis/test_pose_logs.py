@@ -40,7 +40,7 @@ def test_the_cause_of_a_pose_log_is_named(setup, name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["none", "gain"])
 def test_without_positions_turning_alone_shows_the_cause(name):
-    """The sensor's accelerations, which nobody recorded, count as noise that averaging does not reduce."""
+    """The sensor's unrecorded accelerations count as noise that averaging does not reduce."""
     setup = pose_setup(linear="none")
     made = ft.simulate(setup, EFFECTS[name], duration=30, rate=200, seed=1)
     diagnosis = ft.diagnose(setup, [made.log])
@@ -51,7 +51,7 @@ def test_without_positions_turning_alone_shows_the_cause(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("force", [1.5, 8.0])
 def test_without_positions_contact_is_what_accelerations_cannot_be(force):
-    """The stated 0.3 m/s^2 moves the tool with 0.21 N; ten times that may be an arm that stops and goes."""
+    """The stated 0.3 m/s^2 cause 0.21 N on the tool; ten times that may be an arm that stops and goes."""
     setup = pose_setup(linear="none")
     log = ft.simulate(setup, duration=30, rate=200, seed=1).log
     wrench = np.array(log.wrench)

@@ -30,7 +30,7 @@ def test_a_fine_lattice_leaves_the_noise_as_measured():
 
 @pytest.mark.parametrize("ratio", [1.5, 2.0, 4.0, 8.0])
 def test_noise_of_a_coarse_lattice_is_that_of_rounding(ratio):
-    """Against rounding itself: the scatter of one sample, and of means over many at one place of a slow signal."""
+    """Against simulated rounding: the scatter of one sample, and of means of many samples of a slow signal."""
     step = ratio * STATED[0]
     noise, coherent = noise_on_lattice(findings([step] * 6, np.full(6, 1e-9)), STATED)
     rng = np.random.default_rng(0)
@@ -38,12 +38,12 @@ def test_noise_of_a_coarse_lattice_is_that_of_rounding(ratio):
     read = step * np.round((signal + STATED[0] * rng.normal(size=(400, 2000))) / step)
     assert noise[0] == pytest.approx((read - signal).std(), rel=0.05)
     means = (read.mean(1) - signal[:, 0]).std()
-    # The first harmonic of the saw tooth has six tenths of its variance: the estimate is on the safe side.
+    # The first harmonic of the saw tooth has six tenths of its variance, so the estimate is conservative.
     assert 0.8 * means < np.sqrt(coherent[0] + noise[0] ** 2 / 2000) < 1.4 * means
 
 
 def test_a_sensor_that_a_stated_effect_makes_quieter_has_noise_all_the_same():
-    """The variance of the reading is then less than the stated one of the sensor, and the joints' is not negative."""
+    """The variance of the reading is then below the sensor's stated one, and that of the joints is not negative."""
     setup = replace(parse_setup(SETUP), effects={"noise_level": {"scale": np.full(6, 0.1)}})
     with jax.enable_x64(True):
         problem, _ = make_problem(setup, [simulate(setup, duration=4, rate=100, seed=1).log])
@@ -76,7 +76,7 @@ def test_blocks_do_not_reach_over_two_logs():
 
 
 def test_bins_hold_the_mean_of_what_is_known():
-    """Of the samples of each hundredth of a second; one without a sample is left out, one without a reading is NaN."""
+    """Means over each hundredth of a second; a bin without a sample is left out, one without a reading is NaN."""
     t = np.array([0.001, 0.004, 0.012, 0.018, 0.031, 0.039, 0.04])
     x = np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0], [7.0, 9.0], [8.0, np.nan], [4.0, np.nan], [2.0, 1.0]])
     index, used, padded = bins_of(t, 0.04)

@@ -1,4 +1,4 @@
-"""Each rule of the search by itself, on made-up fits: what is accepted, what became needless, when pairs are tried."""
+"""Each rule of the search separately, on synthetic fits: acceptance of causes, redundant causes, trials of pairs."""
 
 import numpy as np
 import pytest
@@ -62,7 +62,7 @@ def test_what_a_cause_must_do(why, effect, nats, leaves, held, acceptable):
 
     def hold_out(fit, reference):
         nats, by_noise = held
-        return HeldOut(fit.error, nats, 2 * nats, by_noise)  # it acts in one block more than in others
+        return HeldOut(fit.error, nats, 2 * nats, by_noise)  # it gains in one block more than in others
 
     got = search_of(accepted, hold_out).is_acceptable(Threshold(PROBLEM, 0.08**2), accepted, Scored(trial, nats))
     assert got is acceptable, why
@@ -71,13 +71,13 @@ def test_what_a_cause_must_do(why, effect, nats, leaves, held, acceptable):
 @pytest.mark.parametrize(
     ("before", "after", "stands_out"),
     [
-        (0.0, 1.0, True),  # nothing else acts then
-        (10.0, 1.1, True),  # a tenth and a bit of what the others did there
+        (0.0, 1.0, True),  # nothing else acts at that time
+        (10.0, 1.1, True),  # slightly over a tenth of what the others removed there
         (10.0, 0.9, False),
     ],
 )
 def test_events_must_do_more_than_tidy_up_after_other_causes(before, after, stands_out):
-    """Squares that the others took away in the events' own time, and squares that the events take away."""
+    """Squares that other causes removed at the time of the events, and squares that the events remove."""
     start, accepted, trial = fit_of(20.0 + 0 * T), fit_of(20.0 - before + 0 * T), fit_of(20.0 - before - after + 0 * T)
     event = Hypothesis("contact", shapes=((T > 3) & (T < 5),), local=True)
     trial = trial._replace(hypotheses=(event,))
@@ -114,7 +114,7 @@ def test_a_slow_effect_on_the_bias_needs_a_share_only_beside_what_does_not_follo
 def test_a_slow_effect_on_the_bias_is_no_error_of_the_form_of_another(
     monkeypatch, why, effect, before, alone, acceptable
 ):
-    """It removes a hundredth of the gap; all else would have to remove a fiftieth."""
+    """The effect removes a hundredth of the gap; any other effect would have to remove a fiftieth."""
     accepted, trial = fit_of(before + 0 * T), fit_of(before - 0.01 + 0 * T, effect)
     rest = fit_of(alone + 0 * T)._replace(log_likelihood=trial.log_likelihood - 500.0)
     monkeypatch.setattr(searching, "fit", lambda problem, hypotheses, start: rest)
@@ -131,11 +131,11 @@ def test_a_slow_effect_on_the_bias_is_no_error_of_the_form_of_another(
     [
         (LEAST_GAIN + PENALTY_PER_PARAMETER + 1, 1, False),
         (LEAST_GAIN + PENALTY_PER_PARAMETER - 1, 1, True),
-        (LEAST_GAIN + 2 * PENALTY_PER_PARAMETER, 3, True),  # three numbers cost more than one
+        (LEAST_GAIN + 2 * PENALTY_PER_PARAMETER, 3, True),  # three parameters cost more than one
     ],
 )
 def test_a_cause_that_later_ones_make_needless_is_dropped(monkeypatch, loss, degrees, redundant):
-    """It is needless if the fit without it loses less than a cause must gain."""
+    """A cause is redundant if the fit without it loses less than a cause must gain."""
     both = fit_of(GAP, "tool_mass", "gain")
     columns = both.columns._replace(moving=np.zeros((degrees, BINS, 6)))
     both = both._replace(columns=columns)
@@ -148,7 +148,7 @@ def test_a_cause_that_later_ones_make_needless_is_dropped(monkeypatch, loss, deg
     rest = search_of(fit_of(GAP)).without_redundant(both)
     assert (rest is not None) is redundant
     if redundant:
-        assert [h.effect for h in rest.hypotheses] == ["gain"]  # the last one is what made it needless
+        assert [h.effect for h in rest.hypotheses] == ["gain"]  # the later cause made it redundant
 
 
 def test_rounds_are_fitted_again_without_the_cause_that_was_dropped(monkeypatch):
@@ -164,10 +164,10 @@ def test_rounds_are_fitted_again_without_the_cause_that_was_dropped(monkeypatch)
 @pytest.mark.parametrize(
     ("gains", "others"),
     [
-        ({"tool_mass": 100.0, "gain": 31.0, "tool_com": 99.0}, ["gain"]),  # one other alone
-        ({"tool_mass": 100.0, "warmup": 90.0, "gain": 80.0}, ["gain"]),  # what is a cause takes nobody's place
+        ({"tool_mass": 100.0, "gain": 31.0, "tool_com": 99.0}, ["gain"]),  # one other cause alone
+        ({"tool_mass": 100.0, "warmup": 90.0, "gain": 80.0}, ["gain"]),  # an accepted cause replaces no other
         ({"tool_mass": 100.0, "gain": 29.0}, []),  # too weak
-        ({"tool_mass": 100.0, "warmup": 90.0}, []),  # a cause already
+        ({"tool_mass": 100.0, "warmup": 90.0}, []),  # already a cause
     ],
 )
 def test_pairs_are_tried_from_strong_other_firsts(gains, others):

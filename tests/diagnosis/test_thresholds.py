@@ -1,4 +1,4 @@
-"""Every number that decides a verdict stands in one module, says why it is what it is, and is used."""
+"""Every number that decides a verdict is in one module, states the reason for its value, and is used."""
 
 import ast
 import re
@@ -14,7 +14,7 @@ SOURCE = Path(thresholds.__file__).read_text()
 REASONS = re.compile(r"\[(noise|owner|physics|dev)\]")
 FILES = sorted(path for path in ROOM.rglob("*.py") if path.name != "thresholds.py")
 
-# Numbers that decide nothing about a verdict: what is told of where and how, solvers, the clock of a grid.
+# Modules whose numbers decide no verdict: reported places and forms, solvers, the clock of a grid.
 ELSEWHERE = {
     "check_effects.py": "whether code of the caller's is in order",
     "report": "what is drawn and printed",
@@ -63,14 +63,14 @@ def test_each_is_used():
     for path in FILES:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom) and node.module == thresholds.__name__:
-                used |= {alias.name for alias in node.names}  # that imports are used is the linter's business
+                used |= {alias.name for alias in node.names}  # the linter checks that imports are used
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "thresholds":
                 used.add(node.attr)
     assert used == {name for name, _ in constants()}
 
 
 def numbers_that_decide(source):
-    """Comparisons with a number that is written down there, or that its own module defines."""
+    """Comparisons with a number that is literal, or defined in the same module."""
     tree = ast.parse(source)
     own = {
         name.id

@@ -1,4 +1,4 @@
-"""A wrong tool beside something else: both are found, and of a right tool nothing is said."""
+"""A wrong tool beside another cause: both are found, and nothing is reported for a right tool."""
 
 from dataclasses import replace
 
@@ -67,7 +67,7 @@ def test_the_tool_of_a_draft_is_replaced_where_it_stands(diagnosis):
 
 
 def test_what_is_not_known_of_the_causes_is_written_for_the_error_bars(diagnosis):
-    """Once more with larger ones: what a second diagnosis finds does not make the first one surer."""
+    """The same with larger stated errors: a second diagnosis does not reduce the errors of the first."""
     of_lag = diagnosis.apply(DRAFTED).bias.model_std
     np.testing.assert_array_equal(of_lag, diagnosis.model_stderr)
     assert (of_lag > 0).all()
@@ -78,7 +78,7 @@ def test_what_is_not_known_of_the_causes_is_written_for_the_error_bars(diagnosis
 
 @pytest.fixture(scope="module")
 def elsewhere():
-    """What a draft does not know: where the sensor sits on the flange, and the tool's inertia."""
+    """A log with a lag, and a draft that lacks the sensor's position on the flange and the tool's inertia."""
     log = simulate(TRUE, {"low_pass": {"cutoff": 3.0}}, duration=20, rate=100, seed=13).log
     draft = replace(DRAFTED, sensor=replace(TRUE.sensor, translation=np.zeros(3)))
     return log, replace(draft, tool=replace(draft.tool, inertia=np.zeros(6)))
@@ -150,7 +150,7 @@ def test_a_weight_beside_the_stated_one_is_a_tool_and_no_cable():
 
 
 def test_a_tool_beside_gains_is_as_uncertain_as_they_scatter():
-    """Their mean cannot be told from the mass."""
+    """The mean of the gains is indistinguishable from the mass."""
     true = np.array([0.96, 0.97, 1.06, 0.97, 1.03, 0.98])
     log = simulate(TRUE, {"gain": {"gain": true}}, duration=20, rate=100, seed=12).log
     found = {cause.effect: cause for cause in diagnose(DRAFTED, [log]).causes}
@@ -173,7 +173,7 @@ def test_gains_that_do_what_a_tool_does_come_after_it(monkeypatch, of_joints, by
     gains = at_values(problem, known["gain"], gain=np.full(6, 1.1))
     by_gains = fit(problem, (gains, delay, at_zero("tool_com", movable(problem, known["tool_com"]))), nominal)
 
-    # They do better by 2 % of what is left, spread over the log.
+    # The gains explain 2 % more of the residual, spread over the log.
     by_gains = by_gains._replace(error=0.99 * by_gains.error, log_likelihood=0.99**2 * by_gains.log_likelihood)
 
     def search(problem, start, *given):

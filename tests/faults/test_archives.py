@@ -1,4 +1,4 @@
-"""What goes wrong while logs are filtered from file to file: a killed process, a full disk."""
+"""Failures while logs are filtered from file to file: a killed process, a full disk."""
 
 import errno
 import os
@@ -33,7 +33,7 @@ def statuses():
 
 @pytest.mark.slow
 def test_sigkill_in_the_middle_of_an_archive(logs, monkeypatch, capsys):
-    """Whatever has a result's name is whole, and what the manifest has is not done again."""
+    """A file with a result's name is complete, and what the manifest lists is not repeated."""
     for seed in range(12):
         write_log(logs / "more" / f"{seed:02d}.npz", seed, 20_000)
     process = filter_in_another_process()
@@ -43,7 +43,7 @@ def test_sigkill_in_the_middle_of_an_archive(logs, monkeypatch, capsys):
     assert process.wait() == -signal.SIGKILL
     done = [entry.output for entry in manifest() if entry.status == "ok"]
     assert 0 < len(done) < 15
-    assert set(done) <= outputs().keys()  # every one is loaded
+    assert set(done) <= outputs().keys()  # each was loaded
     again, whole = [], archive.do_task
     monkeypatch.setattr(archive, "do_task", lambda task, **rest: again.append(task.output) or whole(task, **rest))
     assert filter_archive("logs") == 0
@@ -53,7 +53,7 @@ def test_sigkill_in_the_middle_of_an_archive(logs, monkeypatch, capsys):
 
 
 class Disk:
-    """A disk with little room; temporary files give it back."""
+    """A disk with limited room, which temporary files give back."""
 
     room = 10**9
 
@@ -89,7 +89,7 @@ class File:
 
 @pytest.fixture
 def disk(monkeypatch):
-    """Where results go; their readers see the true disk."""
+    """A limited disk for results; reading them uses the real disk."""
     disk, make = Disk(), tempfile.TemporaryFile
     monkeypatch.setattr(files, "open", lambda *how: disk.file(os.fdopen(*how), False), raising=False)
     monkeypatch.setattr(tempfile, "TemporaryFile", lambda **where: disk.file(make(**where), True))
@@ -102,19 +102,19 @@ def test_a_full_disk_leaves_the_old_result_and_one_line(logs, disk, capsys, room
     disk.room = room
     assert main(["filter", "logs/b.npz", "--setup", "setup.toml", "-o", "out.npz", "--force"]) == 1
     message = "ftbias: out.npz: cannot be written: No space left on device (check that the folder exists, may be"
-    assert capsys.readouterr().err.splitlines()[-1].startswith(message)  # progress may stand above
+    assert capsys.readouterr().err.splitlines()[-1].startswith(message)  # after any lines of progress
     assert (logs.parent / "out.npz").read_bytes() == b"an older result"
     assert sorted(os.listdir()) == ["logs", "out.npz", "setup.toml"]
 
 
 def test_a_disk_that_is_full_in_the_middle_of_an_archive(logs, disk, capsys):
-    for _ in range(2):  # the first time compiled programs may take room, too
+    for _ in range(2):  # in the first run compiled programs may take room, too
         disk.room = 10**9
         assert filter_archive("logs") == 0
         expected, used = outputs(), 10**9 - disk.room
         for path in (logs.parent / "out").rglob("*.npz"):
             path.unlink()
-    disk.room = used * 3 // 4  # a result takes its room twice while it is made
+    disk.room = used * 3 // 4  # a result takes twice its room while it is written
     assert filter_archive("logs") == 3
     assert [entry.status for entry in manifest()] == ["ok", "failed", "failed"]
     assert "No space left on device" in manifest()[1].error
@@ -132,7 +132,7 @@ def test_a_disk_without_room_for_the_manifest(logs, disk, capsys):
     assert printed.err.count("\n") == 1
     assert os.listdir("out") == ["manifest.filter.jsonl"]
     disk.room = 10**9
-    assert filter_archive("logs") == 0  # goes on behind what was cut off
+    assert filter_archive("logs") == 0  # continues after the cut line
     assert len(manifest()) == 3
 
 

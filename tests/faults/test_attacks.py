@@ -1,6 +1,6 @@
-"""Files and names made to hang, to fill the memory or to end in a traceback: one line soon, or a counted repair.
+"""Files and names made to hang, fill the memory or cause a traceback: one line soon, or a counted repair.
 
-Every bound on time leaves ten times what is needed here; what the rows guard against took a minute or had no end.
+Every time limit is ten times what is needed here; the faults that the rows guard against took a minute or never ended.
 """
 
 import bz2
@@ -36,7 +36,7 @@ GIGABYTE = 1 << 30
 
 @pytest.fixture
 def refused(setup):
-    """Reads a log in both ways: the message of the error, which comes soon and takes little memory."""
+    """Check that a log is refused in both modes of reading, soon and with little memory."""
 
     def run(path, match, setup=setup):
         with bounded(30, 512):
@@ -49,7 +49,7 @@ def refused(setup):
 
 
 def hole(path):
-    """Of many gigabytes, behind what a file of this kind begins with."""
+    """Write a sparse file of 40 GiB that begins like a file of this kind."""
     starts = {".csv": ",".join(COLUMNS).encode() + b"\n0,1,2,3,4,5,6,7,8\n", ".bag": b"#ROSBAG V2.0\n"}
     with open(path, "wb") as file:
         file.write(starts.get(path.suffix, b"x"))
@@ -104,7 +104,7 @@ def test_folders_whose_links_lead_back_are_searched_once(tmp_path):
 
 
 class Harmful:
-    """Runs a command when it is unpickled."""
+    """An object that runs a command when it is unpickled."""
 
     def __reduce__(self):
         return eval, ("open('harm', 'w')",)
@@ -124,7 +124,7 @@ def test_an_array_that_unpacks_to_hundreds_of_megabytes(tmp_path, refused):
 
 
 def test_markup_and_control_characters_in_frames_and_topics(tmp_path, monkeypatch, capsys):
-    """They come back as text in messages, without what a terminal or a page would run."""
+    """Messages show them as text, without what a terminal or a page would execute."""
     frame = "<script>alert(1)</script>\x1b[2J\n"
     two = [
         m._replace(frame=frame * (i % 2), topic="/w\x1b[2J") if isinstance(m, Wrench) else m
@@ -151,21 +151,21 @@ def parquet_of(path, constant, blocks, dictionary):
 
 @pytest.mark.parametrize("dictionary", [True, False])
 def test_a_parquet_whose_numbers_fill_the_memory(tmp_path, refused, dictionary):
-    """Half a gigabyte in a megabyte: by references to one number, or by pages of zeros that compress thousandfold."""
+    """Half a gigabyte in a megabyte: references to one number, or pages of zeros that compress a thousandfold."""
     path = parquet_of(tmp_path / "log.parquet", np.zeros(1 << 18), 20, dictionary)
     assert path.stat().st_size < 2 << 20
     refused(path, "that looks like a decompression bomb")
 
 
 def test_a_page_of_a_parquet_that_declares_more_than_its_footer(tmp_path, refused):
-    """Two gigabytes in the header of one page, of which the footer says nothing: its column is the last of the file."""
+    """Two gigabytes in the header of one page, unknown to the footer; its column is the last of the file."""
     path = parquet_of(tmp_path / "log.parquet", np.arange(1000.0), 1, False)
     metadata = parquet.ParquetFile(path).metadata
     last = metadata.row_group(0).column(len(COLUMNS) - 1)
-    content, at = path.read_bytes(), last.data_page_offset + 3  # behind the page's kind: its size, unpacked
+    content, at = path.read_bytes(), last.data_page_offset + 3  # after the page's kind: its unpacked size
     size = content.index(b"\x15", at)
     assert content[at - 1] == 0x15
-    # The header grows by three bytes; the page loses them at its end, so that all else stays where it is.
+    # The header grows by three bytes; the page loses them at its end, so that all other positions stay.
     end = last.data_page_offset + last.total_compressed_size
     huge = bytes([0xFE, 0xFF, 0xFF, 0xFF, 0x0F])
     grown = content[:at] + huge + content[size:end]
@@ -294,7 +294,7 @@ def test_a_number_in_place_of_a_name_is_no_length(tmp_path, setup, column):
 
 
 def test_pages_of_a_database_that_lead_to_the_same_messages_again(tmp_path, setup):
-    """Every inner page has one child, many times: as many rows as the pages have entries, to the power of the depth."""
+    """Every inner page refers to one child many times: the rows number the page's entries to the power of the depth."""
     path = recordings.write(tmp_path, "sqlite", recordings.messages(recordings.arrays(3000)))
     with sqlite3.connect(path) as database:
         database.executescript("PRAGMA journal_mode = DELETE; PRAGMA page_size = 512;")

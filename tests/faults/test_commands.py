@@ -1,7 +1,7 @@
-"""Every command comes in by the door that mends logs: it tells every repair, and loses nothing but what it tells.
+"""Every command reads logs through the same repairs, reports each of them, and loses nothing that it does not report.
 
-One simulated log of two joints; every fault that is mended is put into it, and every command reads it. The answers must
-be those of the log without the fault.
+Every repairable fault is put into one simulated log of two joints, and every command reads it. The results must be
+those of the log without the fault.
 """
 
 import json
@@ -23,14 +23,14 @@ RATE, SECONDS = 100, 20
 SETUP = {**two_joints.SETUP, "bias": {"noise_density": [0.05, 2e-3]}}
 FROZEN = slice(5 * RATE, 9 * RATE)
 WITHIN = {"clipped": 12}
-"""Standard errors by which an answer may be off: near a limit the upper half of the noise is lost; 4 otherwise."""
+"""Standard errors by which a result may be off (default 4); near a limit the upper half of the noise is lost."""
 
 
 class Fault(NamedTuple):
-    """A fault, and what every command must say of it."""
+    """A fault, and the text that every command must print for it."""
 
     spoil: object
-    """Log as arrays -> the same with the fault."""
+    """Function that takes a log as arrays and returns it with the fault."""
     told: str
     """The repair; COUNT stands for a number."""
     lost: bool
@@ -47,7 +47,7 @@ def clipped(log):
 
 
 def repeated(log):
-    """Every tenth row is there twice, the second time with nonsense."""
+    """Every tenth row is repeated, with wrong wrenches in the repeat."""
     twice = np.sort(np.r_[np.arange(len(log["t"])), np.arange(0, len(log["t"]), 10)])
     second = np.r_[False, twice[1:] == twice[:-1]]
     log = {name: values[twice] for name, values in log.items()}
@@ -56,7 +56,7 @@ def repeated(log):
 
 
 def late(log):
-    """Pairs of rows change places."""
+    """Adjacent rows are swapped."""
     order = np.arange(len(log["t"]))
     order[100:200] = order[100:200].reshape(-1, 2)[:, ::-1].ravel()
     return {name: values[order] for name, values in log.items()}
@@ -84,7 +84,7 @@ def simulated():
 
 @pytest.fixture(scope="module")
 def folder(simulated, tmp_path_factory):
-    """The log without a fault and with each, and the setup."""
+    """A folder with the setup, the log without faults, and the log with each fault."""
     folder = tmp_path_factory.mktemp("faults")
     (folder / "setup.toml").write_text(dump_setup(parse_setup(SETUP)))
     np.savez(folder / "whole.npz", **simulated)
@@ -95,7 +95,7 @@ def folder(simulated, tmp_path_factory):
 
 @pytest.fixture
 def command(folder, monkeypatch, capsys):
-    """Runs a line; returns the exit code and what was printed."""
+    """Run a command line; return the exit code and what was printed."""
     monkeypatch.chdir(folder)
 
     def run(line, main=main):
@@ -107,7 +107,7 @@ def command(folder, monkeypatch, capsys):
 
 
 def assert_told(name, code, printed, raw=False):
-    """The exit code and the words; ``raw`` for a command that keeps clipped samples as evidence."""
+    """Check exit code and text; ``raw`` for a command that keeps clipped samples as evidence."""
     fault = FAULTS[name]
     words, lost = fault.told, fault.lost
     if raw and name == "clipped":
@@ -184,7 +184,7 @@ def test_info(command, name):
 
 @pytest.fixture
 def seen(monkeypatch, make_diagnosis):
-    """The logs that a diagnosis looks into, after it left out what it must not see; it answers with a made-up one."""
+    """The logs that a diagnosis examines after leaving out bad samples; it returns a made-up diagnosis."""
     from ftbias_jax.diagnosis import diagnose as module
 
     kept = []

@@ -1,4 +1,4 @@
-"""Files that are cut, flipped or hostile: refused with a typed error, or read as far as they are whole and counted."""
+"""Files that are cut, flipped or hostile are refused with a typed error, or their intact part is read and counted."""
 
 import bz2
 import io
@@ -28,7 +28,7 @@ def long_log():
 
 
 def salvage(path, setup):
-    """Strictly refused, then salvaged: the log, and what was lost."""
+    """Check that a file is refused without salvaging; return the salvaged log and what was lost."""
     with pytest.raises(LogError, match="--salvage reads what is whole") as caught:
         read_log(path, setup)
     assert "\n" not in str(caught.value)
@@ -38,7 +38,7 @@ def salvage(path, setup):
 
 
 def assert_part(log, published):
-    """Every value that was read is one that was written, under its stamp."""
+    """Check that every value that was read is one that was written under its stamp."""
     wrenches = {m.stamp: m.wrench for m in published if isinstance(m, Wrench)}
     stamps = START + np.rint((log.t + log.start - START * 1e-9) * 1e9).astype(int)
     written = np.array(list(wrenches))
@@ -85,7 +85,7 @@ def test_flipped_stamps_and_frames_of_a_salvaged_bag_are_not_believed(tmp_path, 
 
 
 def test_a_flipped_bit_in_an_mcap_chunk_loses_the_chunk_instead_of_a_digit(tmp_path, setup, long_log):
-    """Chunks by the makers' writer, which adds checksums."""
+    """The chunks come from the official writer, which adds checksums."""
     path = tmp_path / "log.mcap"
     content = bytearray(mcap_of(long_log))
     content[len(content) // 2] ^= 0x40

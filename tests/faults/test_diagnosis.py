@@ -1,4 +1,4 @@
-"""What a diagnosis must survive: no wrench, standard errors that nobody knows, values that no setup can state."""
+"""What a diagnosis must survive: no wrench, unknown standard errors, values that no setup can state."""
 
 from types import SimpleNamespace
 
@@ -22,7 +22,7 @@ def test_a_wrench_that_is_all_nan(setup):
 
 
 def test_a_wrench_that_is_clipped_on_all_axes(setup):
-    """Nine of ten readings are at the end of the range, and noise has sorted the others."""
+    """Nine of ten readings are at the end of the range, and the others were selected by noise."""
     t = np.arange(2000) * 0.01
     swing = np.sin(t[:, None] + np.arange(6)) * np.repeat([10, 0.5], 3)
     wrench = np.clip(swing, -0.1 * np.abs(swing).max(0), 0.1 * np.abs(swing).max(0))

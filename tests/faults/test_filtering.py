@@ -1,6 +1,6 @@
-"""Faults in a log that is filtered: the bias stays right within its error bars, or the loss is told; never a NaN.
+"""Faults in a log that is filtered: the bias stays within its error bars, or the loss is reported; no value is NaN.
 
-One simulated log of two joints with a known bias; every fault is put into it, and it is filtered from file to file.
+Every fault is put into one simulated log of two joints with a known bias, which is filtered from file to file.
 """
 
 from typing import NamedTuple
@@ -25,7 +25,7 @@ NOISE = np.array(SETUP["sensor"]["noise_std"])
 
 
 class Simulated(NamedTuple):
-    """A log as arrays, and what is true."""
+    """A log as arrays, and the true bias."""
 
     log: dict
     bias: Array
@@ -38,7 +38,7 @@ def simulated():
 
 @pytest.fixture
 def filtered(simulated, tmp_path, capsys):
-    """Filters the log with a fault: the result, the exit code and what was told."""
+    """Filter the log with a fault; return the result and what was printed."""
 
     def run(fault, *options, setup=SETUP, code=0):
         log = {name: values.copy() for name, values in simulated.log.items()}
@@ -63,7 +63,7 @@ def errors(result, simulated):
 
 
 def nothing(log):
-    """No fault."""
+    """Leave the log as it is."""
 
 
 KEPT = np.sort(np.random.default_rng(0).permutation(RATE * SECONDS)[: int(0.7 * RATE * SECONDS)])
@@ -87,7 +87,7 @@ def test_nan_in_one_axis(filtered, simulated):
     result, _ = filtered(lambda log: log["wrench"][1000:3000, 2].fill(np.nan))
     assert np.abs(errors(result, simulated)).max() < 5
     std = result["bias_std"]
-    assert std[2999, 2] > 1.5 * std[2999, 1]  # the axis alone has become uncertain
+    assert std[2999, 2] > 1.5 * std[2999, 1]  # only this axis has become uncertain
     assert np.isnan(result["wrench_unbiased"][1000:3000, 2]).all()
 
 
@@ -102,7 +102,7 @@ def test_a_block_of_nan_for_ten_seconds(filtered, simulated):
 
 
 def test_held_readings_of_wrench_and_joints_are_used_once(filtered, simulated):
-    """Published four times as often as measured: error bars are those of the readings, and the joints do not shake."""
+    """Readings are repeated four times: error bars are those of the readings, and the joints show no false motion."""
     place = np.arange(RATE * SECONDS)
 
     def fault(log):
@@ -120,7 +120,7 @@ def test_held_readings_of_wrench_and_joints_are_used_once(filtered, simulated):
 
 
 def test_a_gap_of_an_hour(filtered, simulated):
-    """The bias may have moved by what its process allows, and is found again."""
+    """The bias may have changed by what its process allows, and is found again."""
     moved = np.repeat([3.0, 0.1], 3)
 
     def fault(log):
@@ -128,7 +128,7 @@ def test_a_gap_of_an_hour(filtered, simulated):
         log["wrench"][4000:] += moved
 
     result, _ = filtered(fault)
-    assert (result["bias_std"][4000] > 10 * result["bias_std"][3999]).all()  # one sample says little
+    assert (result["bias_std"][4000] > 10 * result["bias_std"][3999]).all()  # one sample has little information
     late = (result["bias"][4000:] - simulated.bias[4000:] + moved) / result["bias_std"][4000:]
     assert np.abs(late).max() < 5
 
@@ -143,7 +143,7 @@ def test_a_saturated_axis_is_left_out_and_does_not_pull_the_bias(filtered, simul
     count = (simulated.log["wrench"][:, 0] >= limit).sum()
     assert f"samples at the end of the sensor's range left out: {count} of fx" in told
     error = errors(result, simulated)
-    # What is left near the limit has lost the upper half of its noise: that may show, a little.
+    # The remaining samples near the limit have lost the upper half of their noise, which may bias them slightly.
     assert np.abs(error[:, 0]).max() < 8
     assert np.abs(error[:, 1:]).max() < 5
     params = params_from_setup(parse_setup(SETUP))
@@ -154,7 +154,7 @@ def test_a_saturated_axis_is_left_out_and_does_not_pull_the_bias(filtered, simul
 
 
 def spikes(log):
-    """Contacts of 5 to 50 N and 0.02 to 0.5 s, one-sided, about once in two seconds; and single samples."""
+    """Add contacts of 5 to 50 N and 0.02 to 0.5 s, one-sided, about one in two seconds, and single spikes."""
     rng = np.random.default_rng(3)
     for start in range(300, RATE * SECONDS - 200, 400):
         rows = slice(start, start + int(rng.uniform(0.02, 0.5) * RATE))
@@ -164,7 +164,7 @@ def spikes(log):
 
 
 def test_contact_spikes_do_not_pull_the_bias_behind_the_gate(filtered, simulated):
-    """Shifts, against a log in which the touched samples are missing, below one standard deviation of the bias."""
+    """The bias differs by less than one standard deviation from that of a log without the touched samples."""
     touched = {"wrench": simulated.log["wrench"].copy()}
     spikes(touched)
     touched = (touched["wrench"] != simulated.log["wrench"]).any(1)
@@ -179,7 +179,7 @@ def test_contact_spikes_do_not_pull_the_bias_behind_the_gate(filtered, simulated
 
 
 def test_spikes_are_kept_out_without_being_asked(filtered, simulated):
-    """The filter of recordings has a gate, whose samples are told and marked."""
+    """The filter of recordings has a gate; the samples that it rejects are reported and marked."""
     expected, _ = filtered(nothing)
     result, told = filtered(spikes)
     assert "were rejected by the gate: contact?" in told
@@ -198,7 +198,7 @@ def test_a_gate_in_the_setup_is_the_gate_of_the_command(filtered):
 
 
 def test_a_bias_that_jumps_opens_the_gate_again(filtered, simulated):
-    """Nothing tells it from a contact but time: after a while the filter follows, and finds the bias again."""
+    """Only its duration distinguishes it from a contact: after a while the filter follows, and finds the bias again."""
     jump = np.repeat([1.0, 0.05], 3)
 
     def fault(log):
@@ -208,7 +208,7 @@ def test_a_bias_that_jumps_opens_the_gate_again(filtered, simulated):
     passed = 1000 + np.flatnonzero(np.isfinite(result["innovation"][1000:, 0]))[0]
     assert FORGET < (passed - 1000) / RATE < 3 * FORGET
     late = (result["bias"][passed:] - simulated.bias[passed:] + jump) / result["bias_std"][passed:]
-    assert np.abs(late).max() < 6  # as far off as the gate is wide, for a moment
+    assert np.abs(late).max() < 6  # for a moment as far off as the gate is wide
 
 
 def test_a_static_pose_names_what_it_does_not_tell(filtered, simulated):
@@ -222,7 +222,7 @@ def test_a_static_pose_names_what_it_does_not_tell(filtered, simulated):
 
 
 def test_singular_priors_are_fine(filtered):
-    """What is known exactly at the start; of a noise whose square is zero the result is not to be trusted."""
+    """A state known exactly at the start is accepted; noise whose square underflows to zero gives a warning."""
     setup = {**SETUP, "bias": {"initial_drift_std": 0.0}, "joints": {**SETUP["joints"], "initial_std": [0.0, 0.0, 0.0]}}
     result, _ = filtered(nothing, setup=setup)
     assert (result["drift_std"][0] == 0).all()

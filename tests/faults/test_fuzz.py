@@ -1,4 +1,4 @@
-"""Files of every format with random damage: what can be read, or an error of ours, in bounded time and memory."""
+"""Files of every format with random damage: a part is read, or a typed error, in bounded time and memory."""
 
 from contextlib import suppress
 
@@ -57,7 +57,7 @@ def originals(tmp_path):
 
 @pytest.fixture(autouse=True)
 def _little_memory():
-    """All mutants together take at most 1 GiB more than was there before."""
+    """All mutants together take at most 1 GiB of additional memory."""
     with bounded(np.inf, 1024):
         yield
 
@@ -75,7 +75,7 @@ def test_mutants_of_every_format_of_logs(tmp_path, setup):
                         read += 1
                 with suppress(LogError):
                     look(str(path))
-    assert read > MUTANTS  # the mutations are not so coarse that nothing is read
+    assert read > MUTANTS  # the mutations are mild enough that something is read
 
 
 def test_mutants_of_setups_robots_poses_results_and_manifests(tmp_path, setup):

@@ -1,4 +1,4 @@
-"""Manifests that were damaged or edited: every line is read or counted, and what was read has a page and a table."""
+"""Manifests that were damaged or edited: every line is read or counted, and the page and the table can be made."""
 
 import copy
 import json
@@ -24,7 +24,7 @@ VALUES = (
 
 
 def places(content, path=()):
-    """Where values stand in nested tables and lists."""
+    """Paths of all values in nested tables and lists."""
     items = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
     for key, value in items:
         yield (*path, key)
@@ -62,14 +62,14 @@ def lines(tmp_path_factory):
 
 @pytest.mark.parametrize("seed", range(40))
 def test_mutants_of_lines_are_read_or_counted_and_have_a_page_and_a_table(lines, tmp_path, seed):
-    """Fifteen mutants at a time, so that each is among right ones and other mutants."""
+    """Fifteen mutants at a time, each among intact lines and other mutants."""
     rng = random.Random(seed)
     mutants = [mutant(rng.choice(lines), rng) for _ in range(15)]
     (tmp_path / "manifest.filter.jsonl").write_bytes(b"\n".join([*lines, *mutants]))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         contents = read_manifests(str(tmp_path))
-        assert len(contents.entries) >= 6  # the right ones
+        assert len(contents.entries) >= 6  # the intact ones
         assert contents.damaged <= 15
         save_table(str(tmp_path / "table.parquet"), list(contents.entries.values()), contents.settings)
         try:

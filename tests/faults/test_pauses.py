@@ -1,4 +1,4 @@
-"""Logs that pause, whose clock jumps, or that are odd in size: cost follows the samples, and what is wrong is told."""
+"""Logs with pauses, clock jumps or odd sizes: cost grows with the samples, and what is wrong is reported."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ WORDS = {
 
 @pytest.fixture
 def paused(tmp_path, monkeypatch):
-    """Writes a log that pauses for so long before a sample, or with other arrays."""
+    """Write a log that pauses for ``pause`` s before a sample, or has other arrays."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "setup.toml").write_text(SETUP)
     write_log(tmp_path / "log.npz", samples=SAMPLES)
@@ -57,14 +57,14 @@ def test_commands_that_only_look_take_no_longer(paused, capsys, command, pause, 
 @pytest.mark.parametrize("command", ["filter", "identify", "diagnose", "tune"])
 def test_commands_that_fit_take_no_longer(paused, capsys, command, pause, place):
     paused(pause, place)
-    with bounded(np.inf, 1536):  # programs included
+    with bounded(np.inf, 1536):  # including compiled programs
         assert main(WORDS[command].split()) in (0, 1, 3)
     assert "Traceback" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("pause", [DAY, UNIX])
 def test_what_follows_a_pause_is_filtered_with_a_bias_of_its_own(paused, capsys, pause):
-    """The same log without and with the bias of another day after the pause: the bias differs by just that."""
+    """The same log without and with another bias after the pause: the estimates differ by exactly that."""
     half, step = SAMPLES // 2, np.array([3, -2, 1, 0.3, 0.2, 0.1])
     arrays, found = paused(pause, half), []
     for size in (0, 1):
@@ -101,7 +101,7 @@ def test_the_bias_of_the_check_has_knots_by_the_bins_not_by_the_span():
     assert layout.basis.shape[1] <= 2 + 4 * KNOT / KNOT
     before = make_layout(t[:600], np.zeros(600, int), np.ones(6, bool))
     assert before.basis.shape[1] == 2 + int(59.9 // KNOT)
-    # Levels before and after the pause are free of each other.
+    # Levels before and after the pause are independent of each other.
     step = np.repeat([0.0, 1.0], 600)
     fitted = layout.basis @ np.linalg.lstsq(layout.basis, step, rcond=None)[0]
     assert np.abs(fitted - step).max() < 0.35

@@ -49,7 +49,7 @@ SWALLOWING = """
 
 @pytest.fixture
 def start():
-    """Starts a program in a folder, with signals that it ignores; what still runs in the end is killed."""
+    """Start a program in a folder, ignoring the given signals; kill it at the end if it still runs."""
     running = []
 
     def begin(folder, program, *ignored):
@@ -76,7 +76,7 @@ every_signal = pytest.mark.parametrize("numbers", [[signal.SIGINT], [signal.SIGI
 def test_a_signal_ends_a_process_that_writes_and_leaves_nothing(start, tmp_path, numbers):
     process = start(tmp_path, WRITING)
     assert process.stdout.readline() == "ready\n"
-    assert len(list(tmp_path.iterdir())) == 2  # the program, and what is not finished
+    assert len(list(tmp_path.iterdir())) == 2  # the program, and an unfinished output
     for number in numbers:
         process.send_signal(number)
     printed, _ = process.communicate(timeout=20)
@@ -138,9 +138,9 @@ def test_a_signal_ends_the_processes_of_jobs(start, tmp_path, numbers):
         time.sleep(0.05)
     for number in numbers:
         process.send_signal(number)
-    printed, _ = process.communicate(timeout=20)  # also ends only when no child holds the pipe
+    printed, _ = process.communicate(timeout=20)  # ends only when no child holds the pipe, either
     assert process.returncode == 1
-    assert printed == "interrupted\n"  # no traceback, no task that ended, no semaphore that nobody gave back
+    assert printed == "interrupted\n"  # no traceback, no finished task, no leaked semaphore
     for child in children:
         assert not os.path.exists(f"/proc/{child.name.removeprefix('child-')}/exe")
 

@@ -1,4 +1,4 @@
-"""A log of ten million samples in float32: nothing is lost to its seven digits."""
+"""A log of ten million samples in float32: its seven digits lose nothing."""
 
 from functools import partial
 
@@ -31,7 +31,7 @@ def bias_at(t):
 
 
 def parts(samples, size):
-    """A turning vertical joint at 1 kHz, block by block."""
+    """A log of a turning vertical joint at 1 kHz, block by block."""
     rng = np.random.default_rng(0)
     for first in range(0, samples, size):
         t = 1e-3 * np.arange(first, min(first + size, samples))
@@ -43,7 +43,7 @@ def parts(samples, size):
 
 
 def worst(samples, dtype):
-    """Largest error of the bias in standard deviations after a second, and the last standard deviation."""
+    """Largest error of the bias in standard deviations after the first second, and the last standard deviation."""
     params = params_from_setup(parse_setup(SETUP), dtype)
     largest = 0.0
     found = filter_parts(params, partial(parts, samples), np.zeros(1), DEFAULT_OPTIONS, AS_STATED)

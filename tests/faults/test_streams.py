@@ -1,4 +1,4 @@
-"""What goes wrong in recorded streams, one test a row of the table of faults: a typed error, or a counted repair.
+"""Faults in recorded streams, one test per row of the table of faults: a typed error, or a counted repair.
 
 Every recording has 60 wrenches at 100 Hz and 30 joint states at 50 Hz; faults are put into its messages.
 """
@@ -24,7 +24,7 @@ def read(tmp_path, setup, published, kind="ros1"):
 
 
 def changed(change, kind=(Joints, Wrench)):
-    """The messages, with a function of (index, message) applied to those of a kind; None = dropped."""
+    """The messages after a function of (index, message) has been applied to those of a kind; None = dropped."""
     count, result = 0, []
     for message in recordings.messages():
         if isinstance(message, kind):
@@ -80,7 +80,7 @@ def test_repeated_stamps_are_left_out_and_counted(tmp_path, setup):
 
 
 def write_table(path, t, q, wrench):
-    """A merged timeline in a format that is not of ROS."""
+    """A merged timeline in a format other than ROS."""
     return log_files.write(path, {"t": t, "q": q, "wrench": wrench})
 
 

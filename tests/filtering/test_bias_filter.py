@@ -1,4 +1,4 @@
-"""The bias filter against a textbook filter, against one big normal distribution, and over a million samples."""
+"""The bias filter against a textbook filter, against one joint normal distribution, and over a million samples."""
 
 from functools import partial
 
@@ -47,7 +47,7 @@ def reference(linear_gaussian, noise, dt, covariance):
 
 @given(seed=st.integers(0, 2**32 - 1))
 def test_erratum_13_the_likelihood_is_that_of_the_whole_log(linear_gaussian, params, seed):
-    """And the states are those of the textbook."""
+    """The states are also those of the textbook filter."""
     dt, wrench_tool, wrench, covariance = random_log(seed)
     states, innovation = run(params.bias, dt, wrench_tool, wrench, covariance)
     model = reference(linear_gaussian, params.bias, dt, covariance)
@@ -104,7 +104,7 @@ def test_the_gate_is_its_formulas_in_a_loop(params, seed):
 
 @partial(jax.jit, static_argnames="count")
 def covariances_at_1_khz(noise, count):
-    """The last state, and whether its covariance was symmetric positive definite at every one of the samples."""
+    """The last state, and whether its covariance was symmetric positive definite at all samples."""
     zero = jnp.zeros_like(noise.wrench_variance)
     R, interval = jnp.diag(noise.wrench_variance), jnp.asarray(1e-3, zero.dtype)
 
@@ -119,7 +119,7 @@ def covariances_at_1_khz(noise, count):
 
 
 def setup_defaults(dtype):
-    """The prior and process noise that a setup has by default, with the noise of a good and a poor sensor."""
+    """The default prior and process noise, with the noise of a good and of a poor sensor."""
     force_torque = np.repeat([1.0, 0.05], 3)
     values = (2e-4 * force_torque, 0.1 * force_torque, np.zeros(12), np.repeat([5.0, 0.5, 0.01, 5e-4], 3))
     density, noise_std, mean, std = (jnp.asarray(x, dtype) for x in values)

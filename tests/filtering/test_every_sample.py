@@ -1,4 +1,4 @@
-"""State and info of every sample from the fast route: shapes, gaps, restarts, known effects, and what it cannot do."""
+"""State and info of every sample from the fast route: shapes, gaps, restarts, known effects, and unsupported cases."""
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ def both_ways(params, samples):
 
 
 def test_gaps_restarts_and_missing_axes_are_those_of_single_steps(params, samples):
-    """After 1000 s without data every joint starts again; NaN stand in the same places."""
+    """After 1000 s without data every joint restarts; NaN is in the same places."""
     nothing = samples.q.at[10:14].set(jnp.nan)
     broken = samples._replace(
         dt=samples.dt.at[20].set(1e3).at[30].set(0.0),
@@ -25,7 +25,7 @@ def test_gaps_restarts_and_missing_axes_are_those_of_single_steps(params, sample
     got, expected = both_ways(params, broken)
     assert not got[1][1].joint.covariance[20, :, 0, 1].any(), "a joint that starts again shares nothing"
     for (path, x), y in zip(jax.tree.leaves_with_path(got), jax.tree.leaves(expected), strict=True):
-        # Each sample by its own size: uncertainty is a billion times larger after the gap.
+        # Each sample is scaled by its own size: uncertainty is a billion times larger after the gap.
         rows = np.abs(np.nan_to_num(y)).reshape(y.shape[0], -1).max(1) if y.ndim else 0.0
         scale = 1e-9 * np.reshape(rows, (-1, *[1] * (y.ndim - 1))) + 1e-13
         np.testing.assert_array_equal(np.isnan(x), np.isnan(y), err_msg=jax.tree_util.keystr(path))
@@ -43,7 +43,7 @@ def test_shapes_and_dtypes_are_those_of_single_steps(params, samples, dtype, len
 
 
 def test_a_known_jump_of_the_bias_is_no_innovation(params, samples):
-    """The same states and innovations as of a reading from which the jump was taken."""
+    """States and innovations equal those of a reading from which the jump was subtracted."""
     jump = jnp.array([1.0, -2.0, 3.0, 0.1, 0.2, -0.3])
     here = jnp.cumsum(samples.dt)[17]
     knowing = params._replace(effects={"bias_jump": {"time": here, "amplitude": jump}})

@@ -1,4 +1,4 @@
-"""One Kalman step where digits are scarce, and its slopes; that it is the textbook's, test_bias_filter.py says."""
+"""One Kalman step where digits are scarce, and its derivatives; test_bias_filter.py compares it with the textbook."""
 
 import jax
 import jax.numpy as jnp
@@ -40,7 +40,7 @@ def test_gradients_do_not_see_the_missing_entries(missing):
 
 
 def test_erratum_04_a_sharp_measurement_of_a_vague_state_in_float32():
-    """(I - K C) P rounds the variance to zero at the first encoder reading; the Joseph form keeps it."""
+    """(I - K C) P rounds the variance to zero at the first encoder reading; the Joseph form does not."""
     P0, C, R = np.diag([1.0, 1.0, 100.0]), np.eye(1, 3), np.diag([1e-10])
     narrow = [np.asarray(x, np.float32) for x in (P0, C, R)]
     K = narrow[0] @ narrow[1].T / (narrow[1] @ narrow[0] @ narrow[1].T + narrow[2])
@@ -48,5 +48,5 @@ def test_erratum_04_a_sharp_measurement_of_a_vague_state_in_float32():
     zero = np.zeros(3, np.float32)
     corrected, _ = update(Gaussian(zero, narrow[0]), zero[:1], *narrow[1:])
     assert corrected.covariance.dtype == np.float32
-    expected = np.linalg.inv(np.linalg.inv(P0) + C.T @ np.linalg.inv(R) @ C)  # informations add
+    expected = np.linalg.inv(np.linalg.inv(P0) + C.T @ np.linalg.inv(R) @ C)  # information matrices add up
     np.testing.assert_allclose(corrected.covariance, expected, 1e-6)

@@ -1,4 +1,4 @@
-"""Least squares on whitened innovations: linearisation, and standard errors that know of correlated errors."""
+"""Least squares on whitened innovations: linearisation, and standard errors that allow for correlated errors."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,19 +14,19 @@ STD = np.array([0.1, 0.2, 0.1, 0.01, 0.02, 0.01])
 
 
 def problem_of(wrench):
-    """Constant bias, as good as unknown."""
+    """A constant bias with a wide prior."""
     variance = np.broadcast_to(STD**2, (COUNT, 6))
     arrays = (np.r_[0.0, np.full(COUNT - 1, DT)], wrench, variance, np.full(6, 1e-9), np.repeat([10.0, 1e-9], 6))
     return WrenchProblem(*map(jnp.asarray, arrays))
 
 
 def curved(values):
-    """A model that bends: (2,) -> (T, 6)."""
+    """A nonlinear model: (2,) -> (T, 6)."""
     return jnp.tensordot(jnp.stack([values[0], values[0] * values[1], values[1] ** 2]), jnp.asarray(WAVES), 1)
 
 
 def straight(values):
-    """A model that does not bend: (2,) -> (T, 6)."""
+    """A linear model: (2,) -> (T, 6)."""
     return jnp.tensordot(values, jnp.asarray(WAVES[:2]), 1)
 
 
@@ -49,7 +49,7 @@ def test_a_linear_model_is_moved_as_it_would_be_linearised_there():
 
 
 def test_the_bias_after_the_last_sample_is_that_of_the_filter_and_moves_with_the_parameters():
-    """The bias is constant: the mean of what is left, with the prior as one reading more."""
+    """The bias is constant: it is the mean of the residual, with the prior as one more reading."""
     at = np.array([0.7, -0.4])
     wrench = noisy(1.0, 4) - np.array([3.0, -2.0, 8.0, 0.1, 0.2, -0.3])
     linear = innovation_regression.linearise(problem_of(wrench), curved, jnp.asarray(at))
@@ -61,13 +61,13 @@ def test_the_bias_after_the_last_sample_is_that_of_the_filter_and_moves_with_the
 
 
 def noisy(scale, seed, hold=1):
-    """Readings of the model at (0.7, -0.4): noise ``scale`` times the stated, constant over ``hold`` samples."""
+    """Readings of the model at (0.7, -0.4) with noise ``scale`` times the stated, constant over ``hold`` samples."""
     noise = np.random.default_rng(seed).normal(size=(-(-COUNT // hold), 6)).repeat(hold, 0)[:COUNT]
     return np.asarray(curved(np.array([0.7, -0.4]))) + scale * STD * noise
 
 
 def estimates_and_errors(scale, hold):
-    """Of one Newton step from the truth, for 30 logs, with the standard errors that are stated, (30, 2) each."""
+    """Estimates by one Newton step from the truth for 30 logs, and their stated standard errors, (30, 2) each."""
     at, found = np.array([0.7, -0.4]), []
     for seed in range(30):
         problem = problem_of(noisy(scale, seed, hold))
@@ -83,7 +83,7 @@ def slopes_at(at):
 
 
 def linear_at(problem, at):
-    """By the derivatives written out."""
+    """The linearisation, with the derivatives written out."""
     error = np.asarray(curved(at)) - np.asarray(problem.wrench)
     white = np.asarray(likelihood.whiten(problem, jnp.asarray(np.concatenate([slopes_at(at), error[None]]))))
     return innovation_regression.Linear(
@@ -98,7 +98,7 @@ def test_standard_errors_of_white_noise_are_those_of_the_information():
 
 
 def test_standard_errors_grow_with_errors_that_hang_together():
-    """Noise that is constant over ten samples: a tenth of the independent ones the information believes in."""
+    """Noise is constant over ten samples, so there is a tenth of the independent ones that the information assumes."""
     step, stderr = estimates_and_errors(1.0, 10)
     naive = estimates_and_errors(1.0, 1)
     spread = np.sqrt((step**2).mean(0))

@@ -1,4 +1,4 @@
-"""The joint filter against a textbook filter, against one big normal distribution, and over very long logs."""
+"""The joint filter against a textbook filter, against one joint normal distribution, and over very long logs."""
 
 from functools import partial
 
@@ -20,7 +20,7 @@ models = pytest.mark.parametrize("model", JOINT_MODELS)
 
 @pytest.fixture(scope="module")
 def noise():
-    """Well conditioned, so that the naive reference is good to 1e-9."""
+    """Well conditioned, so that the naive reference is accurate to 1e-9."""
     return JointNoise(*map(jnp.asarray, ([2.0, 5.0, 8.0], [0.01, 0.02, 0.03], [0.05, 0.02, 0.1], PRIOR_STD)))
 
 
@@ -67,7 +67,7 @@ def reference(linear_gaussian, noise, dt, q, joint, model):
 @models
 @pytest.mark.parametrize("missing", MISSING)
 def test_erratum_13_the_likelihood_is_that_of_the_whole_log(linear_gaussian, noise, model, missing):
-    """And the states are the textbook's; increments add up to the density of any first samples, the burn-in's too."""
+    """States are the textbook's; increments add up to the density of any first samples, including the burn-in."""
     dt, q, dq = measured(missing)
     states, innovation = run(noise, dt, q, dq, model)
     total = np.cumsum(innovation.log_likelihood, 0)
@@ -82,7 +82,7 @@ def test_erratum_13_the_likelihood_is_that_of_the_whole_log(linear_gaussian, noi
 
 
 def test_erratum_15_a_log_may_start_in_motion():
-    """At 1 rad/s from the first sample on, positions only: the velocity is believed when it is known, not before."""
+    """At 1 rad/s from the first sample, with positions only: the error bar of the velocity holds from the start."""
     t = np.arange(1000) * 1e-3
     encoder = JointNoise(*map(jnp.asarray, ([10.0], [1e-5], [1e-3], [1.0, 1.0, 10.0])))
     q = (0.3 + np.sin(t) + 1e-5 * np.random.default_rng(0).normal(size=t.size))[:, None]
@@ -105,8 +105,8 @@ def encoder_noise(dtype, densities=(1.0, 100.0)):
 
 @partial(jax.jit, static_argnames=("model", "count"))
 def covariances_at_1_khz(noise, velocities, model, count):
-    """The last state, whether the covariance was symmetric positive definite at every one of the samples, and the
-    variance of the acceleration at every 2000th. It does not depend on what is measured, only on whether it is.
+    """The last state, whether the covariance was symmetric positive definite at all samples, and the variance of the
+    acceleration at every 2000th. The covariance depends only on whether something is measured, not on its value.
     """
     zero = jnp.zeros_like(noise.position_std)
     interval = jnp.asarray(1e-3, zero.dtype)
@@ -125,7 +125,7 @@ def covariances_at_1_khz(noise, velocities, model, count):
 @models
 @pytest.mark.parametrize("velocities", [True, False], ids=["with velocities", "positions only"])
 def test_erratum_04_a_1_khz_log_of_20000_samples_stays_positive_definite(model, velocities):
-    """In float32 as in float64, and with the same standard deviations."""
+    """This holds in float32 as in float64, with the same standard deviations."""
     narrow, healthy, _ = covariances_at_1_khz(encoder_noise("float32"), velocities, model, 20_000)
     assert healthy
     wide, healthy, _ = covariances_at_1_khz(encoder_noise("float64"), velocities, model, 20_000)
@@ -142,13 +142,13 @@ def test_covariance_is_positive_definite_for_a_million_samples_in_float32():
 
 @pytest.mark.parametrize(("model", "ratio"), [("integrated_acceleration", 0.1), ("integrated_jerk", 1.0)])
 def test_erratum_14_model_2_grows_deaf_to_accelerations_and_model_3_does_not(model, ratio):
-    """Without noise on the acceleration its variance falls as 1 / t, ever surer of a constant."""
+    """Without noise on the acceleration its variance falls as 1 / t, as for the estimate of a constant."""
     _, _, variance = covariances_at_1_khz(encoder_noise("float64"), True, model, 20_000)
     np.testing.assert_allclose(variance[-1, :2] / variance[0, :2], ratio, rtol=0.01)
 
 
 def after_a_gap(dtype, model, gap):
-    """Joints settled at 0.5 rad, then nothing for a while, then a position only."""
+    """Joints at rest at 0.5 rad, then no data for a while, then only a position."""
     noise = encoder_noise(dtype)
     settled, *_ = covariances_at_1_khz(noise, True, model, 20_000)
     settled = settled._replace(mean=settled.mean.at[:, 0].set(0.5))
@@ -170,7 +170,7 @@ def test_a_position_after_a_gap_is_found_at_once(model, dtype, gap):
 
 @models
 def test_an_hour_without_data_restarts_the_filter(model):
-    """Integrated noise would exceed any motion: the joint is where it was, at rest, as sure as P_0."""
+    """Integrated noise would exceed any motion: the joint is at rest at its last position, with the covariance P_0."""
     after, _ = after_a_gap("float64", model, 3600.0)
     np.testing.assert_array_equal(after.mean, [[0.5, 0, 0]] * 4)
     np.testing.assert_array_equal(after.covariance, [np.diag([1.0, 1.0, 100.0])] * 4)
@@ -200,7 +200,7 @@ def test_likeliest_density_finds_what_the_data_were_made_with():
 
 
 def test_likeliest_density_of_a_violent_log():
-    """Accelerations that jump are no white jerk: the likelihood is far from a parabola over an octave."""
+    """Jumping accelerations are no white jerk: over an octave the likelihood is far from a parabola."""
     dt = np.r_[0.0, np.full(299, 0.01)]
     t = np.cumsum(dt)[:, None]
     ddq = 20.0 * np.sign(np.sin(2 * np.pi * t * [0.7, 1.0, 2.0]))

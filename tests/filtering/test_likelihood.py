@@ -1,4 +1,4 @@
-"""The likelihood of a log against the scan of steps, with its derivatives, and whitening against dense algebra."""
+"""The likelihood of a log against the scan of steps, including derivatives, and whitening against dense algebra."""
 
 from functools import partial
 
@@ -20,7 +20,7 @@ BURN_IN = 0.1  # s, about ten samples
 
 @pytest.mark.parametrize("burn_in", [0.0, BURN_IN])
 def test_it_is_that_of_the_joints_and_that_of_the_wrench(params, samples, burn_in):
-    """Of the samples after the burn-in; each filter's is tested against the density of a whole log."""
+    """The sum over samples after the burn-in; each filter's likelihood is tested against the density of a whole log."""
     options = Options(uncertain_joints=False)
     got = log_likelihood_parts(params, samples, options, burn_in)
     infos = pipeline.scan_steps(params, pipeline.init(params, samples), samples, options, pipeline.keep_all)[1][1]
@@ -70,7 +70,7 @@ def test_padded_logs_side_by_side_count_nothing_more(params, samples):
 
 
 def test_regression_on_whitened_columns_is_generalised_least_squares(linear_gaussian):
-    """With the bias as correlated noise of the measurements, and some measurements missing."""
+    """The bias acts as correlated measurement noise, and some measurements are missing."""
     rng = np.random.default_rng(0)
     dt = np.r_[0.0, rng.uniform(0.01, 0.1, 29)]
     wrench, columns = rng.normal(size=(30, 6)), rng.normal(size=(3, 30, 6))
@@ -97,7 +97,7 @@ def test_regression_on_whitened_columns_is_generalised_least_squares(linear_gaus
 
 
 def test_the_problem_of_the_wrench_is_the_bias_filter_of_the_pipeline(params, samples):
-    """With a bias and a drift that are expected from the start."""
+    """The prior has a nonzero bias and drift."""
     start = pipeline.init(params, samples)
     _, track = stages.run(params, start, samples, pipeline.DEFAULT_OPTIONS)
     problem, wrench_tool = likelihood.wrench_problem(params, samples, stages.joint_states(track.joint))

@@ -31,7 +31,7 @@ OPTIONS = [Options(), Options(uncertain_joints=False), Options(gate=40.0)]
 
 @pytest.fixture(scope="module")
 def log(samples):
-    """The log of 40 samples, as if it had been read from a file."""
+    """The log of 40 samples, as if read from a file."""
     t = np.cumsum(samples.dt)
     return Log(t, *map(np.asarray, samples[1:4]), np.full(len(t), np.nan), START)
 
@@ -48,7 +48,7 @@ def assert_same(got, expected, rtol=1e-9):
 
 @pytest.fixture(scope="module", params=OPTIONS, ids=["diagonal", "none", "gated"])
 def whole(request, params, samples):
-    """Options, and state and info of every sample by one run over the whole log."""
+    """Options, and state and info of every sample from one run over the whole log."""
     return request.param, pipeline.run(
         params, pipeline.init(params, samples), samples, request.param, pipeline.keep_all
     )[1]
@@ -83,7 +83,7 @@ def test_a_result_is_one_run_at_the_stamps_of_the_wrench(params, log, whole):
 
 
 def test_the_past_does_not_depend_on_the_future(params, log):
-    """Nor on the length that the log is padded to."""
+    """It does not depend on the length to which the log is padded, either."""
     part = by_params.filter_with_params(params, Log(*rows_of(log[:5], slice(35)), START))
     whole = by_params.filter_with_params(params, log)
     kept = by_params.part_of(whole, slice(len(part.t)))
@@ -91,7 +91,7 @@ def test_the_past_does_not_depend_on_the_future(params, log):
 
 
 def test_samples_without_measurements_change_nothing(params, log):
-    """As in a merged timeline, where another stream has a stamp."""
+    """Such samples occur in a merged timeline, where another stream has a stamp."""
     before = np.arange(1, 21)
     stamps = (log.t[before] + log.t[before - 1]) / 2
     more = Log(*(np.insert(x, before, np.nan, axis=0) for x in log[:5]), START)
@@ -132,7 +132,7 @@ def test_smoothing_is_that_of_the_samples_that_passed_the_gate(params, samples, 
 
 
 def csv_text(log, names, order):
-    """The log with its columns in some order; missing values are empty cells."""
+    """The log with its columns in a given order; missing values are empty cells."""
     header = ["t", *(f"{what}_{name}" for what in ("position", "velocity") for name in names)]
     header += ["fx", "fy", "fz", "tx", "ty", "tz"]
     values = np.concatenate([log.t[:, None], log.q, log.dq, log.wrench], 1)[:, order]
@@ -142,7 +142,7 @@ def csv_text(log, names, order):
 
 @given(order=st.permutations(range(13)), names=st.permutations(["base", "elbow", "wrist"]))
 def test_permuting_the_names_and_columns_of_the_joints_changes_nothing(tmp_path_factory, log, order, names):
-    """The filter sees the same numbers to the last bit."""
+    """The filter gets bitwise the same numbers."""
     joints = [{**joint, "name": name} for joint, name in zip(YAW_PITCH_ROLL["robot"]["joints"], names, strict=True)]
     setup = parse_setup({**YAW_PITCH_ROLL, "robot": {**YAW_PITCH_ROLL["robot"], "joints": joints}})
     path = tmp_path_factory.mktemp("csv") / "log.csv"
@@ -168,7 +168,7 @@ def filtered(path):
 
 @pytest.mark.slow
 def test_logs_of_foreign_physics_without_a_gap(shared_data):
-    """Errors within three of the filter's own sigmas, and far below those of a tare in the first second."""
+    """Errors are within three of the filter's sigmas, and far below those of a tare in the first second."""
     truth = json.loads((shared_data / "gap_dev" / "truth.json").read_text())
     inside, better = [], []
     for name in (name for name, facts in truth.items() if "none" in facts["effects"]):
@@ -186,7 +186,7 @@ def test_logs_of_foreign_physics_without_a_gap(shared_data):
 
 @pytest.mark.slow
 def test_a_recorded_arm(shared_data):
-    """ABB FRIDA: what is left of the wrench, and how well it is predicted one second ahead."""
+    """ABB FRIDA: residual of the wrench, and its prediction one second ahead."""
     _, params, result = filtered(shared_data / "real" / "abb_frida.npz")
     summary = summaries.finish(summaries.add(summaries.start(), result, params.bias))
     assert (summary.residual_std[:3] <= 0.09).all()

@@ -1,4 +1,4 @@
-"""The pipeline: one step, a scan of it, batches of it; units, precision, gradients; and what a setup turns into."""
+"""The pipeline: one step, a scan, batches; units, precision, gradients; and the parameters of a setup."""
 
 import jax
 import jax.numpy as jnp
@@ -30,7 +30,7 @@ def run(params, samples):
 
 
 def loop(params, samples):
-    """The same by calling step for one sample after the other."""
+    """The same by calling step for one sample at a time."""
     state, kept = pipeline.init(params, samples), []
     for i in range(len(samples.dt)):
         state, info = step(params, state, jax.tree.map(lambda x, i=i: x[i], samples))
@@ -39,7 +39,7 @@ def loop(params, samples):
 
 
 def assert_close(value, expected, tolerance=1e-12):
-    """Trees equal to a tolerance relative to each leaf's largest entry; NaN in the same places."""
+    """Trees agree to a tolerance relative to each leaf's largest entry; NaN in the same places."""
     assert_all_close(value, expected, 0, tolerance)
 
 
@@ -58,7 +58,7 @@ def test_run_is_a_loop_of_step(params, samples):
 
 
 def test_single_steps_refuse_effects(params, samples):
-    """An effect with a memory cannot be had from one sample."""
+    """An effect with memory cannot be computed from one sample."""
     knowing = params._replace(effects={"gain": {"gain": jnp.ones(6)}})
     with pytest.raises(ValueError, match="whole logs"):
         pipeline.step(knowing, pipeline.init(params, samples), first_of(samples))
@@ -90,7 +90,7 @@ def test_splitting_a_log_and_carrying_the_state_changes_nothing(params, samples,
 
 @given(scale=st.floats(0.1, 10.0))
 def test_the_unit_of_time_does_not_matter(params, samples, scale):
-    """In a unit of which a second has ``scale``: forces and torques scale by 1 / scale^2, rates by 1 / scale."""
+    """With a time unit of which a second has ``scale``, forces and torques scale by 1 / scale^2, rates by 1 / scale."""
     s = scale
     params, samples = jax.tree.map(np.asarray, (params, samples))
     rate = np.array([1, 1 / s, 1 / s**2])
@@ -123,12 +123,12 @@ predict_wrench = jax.jit(lambda params, joints: pipeline.predict_wrench(params, 
 
 
 def test_erratum_02_turning_the_wrist_at_rest_turns_the_weight(panda, params):
-    """Without gravity in D this 0.9 kg tool would show 8.8 N of bias that swings by 17.7 N."""
+    """Without gravity in D this 0.9 kg tool would appear as 8.8 N of bias that varies by 17.7 N."""
     gravity = jnp.array([0.0, 0.0, -9.81])
     theta = jnp.zeros(10).at[0].set(0.9)
     held = params._replace(arm=panda, gravity=gravity, theta=theta)
     still = np.zeros((7, 3))
-    for wrist, expected in ((0.0, -8.829), (np.pi, 8.829)):  # the flange of a Panda at q = 0 looks down
+    for wrist, expected in ((0.0, -8.829), (np.pi, 8.829)):  # the flange of a Panda at q = 0 points down
         still[5, 0] = wrist
         np.testing.assert_allclose(predict_wrench(held, still), [0, 0, expected, 0, 0, 0], atol=1e-12)
 
@@ -177,7 +177,7 @@ def test_erratum_10_the_sensor_at_zero_is_the_flange_moved_by_the_mount():
 
 
 def test_parameters_are_those_of_the_setup():
-    """In the order of the setup's joints, in the dtype that is asked for."""
+    """In the order of the setup's joints, with the requested dtype."""
     setup = panda_setup(joints={"position_noise_std": [1e-5 * j for j in range(1, 8)]}, bias={"initial": [1.5, 0.2]})
     params = params_from_setup(setup, jnp.float32)
     assert {x.dtype for x in jax.tree.leaves(params)} == {jnp.dtype("float32")}
@@ -190,7 +190,7 @@ def test_parameters_are_those_of_the_setup():
 
 
 def test_erratum_07_the_dt_of_a_step_is_the_time_since_the_previous_sample():
-    """The first has none. Taken in float64: in float32 the stamps of a long log would lose their milliseconds."""
+    """The first sample has none. It is taken in float64: float32 stamps of a long log would lose milliseconds."""
     t = 1e5 + np.array([0.0, 0.001, 0.003, 0.004])
     log = Log(t, np.zeros((4, 7)), np.zeros((4, 7)), np.zeros((4, 6)), np.zeros(4))
     samples = samples_from_log(log, jnp.float32)
@@ -199,7 +199,7 @@ def test_erratum_07_the_dt_of_a_step_is_the_time_since_the_previous_sample():
 
 
 def test_erratum_07_the_first_sample_is_a_correction_of_the_prior(params, samples):
-    """Bitwise the same whatever the process noise, which only a prediction would add."""
+    """Results are bitwise independent of the process noise, which only a prediction would add."""
     restless = params._replace(joint=params.joint._replace(process_density=100 * params.joint.process_density))
     for model in ("integrated_jerk", "acceleration"):
         first, second = (
@@ -229,7 +229,7 @@ def test_float32_stays_float32_and_is_close_in_standard_deviations(params, sampl
 
 
 def score(params, samples):
-    """Log-likelihood of a log, and a little of the last state, so that every leaf matters."""
+    """Log-likelihood of a log plus a small function of the last state, so that every leaf matters."""
     last, likelihood = pipeline.run(params, pipeline.init(params, samples), samples, emit=only_likelihood)
     return likelihood.sum() + last.bias.mean.sum() + last.joint.mean.sum()
 
@@ -267,7 +267,7 @@ def test_erratum_11_gradients_are_differences_of_the_likelihood(params, samples,
     h = 1e-4
     difference = (8 * (along(h) - along(-h)) - (along(2 * h) - along(-2 * h))) / (12 * h)
     exact = ravel_pytree(slope(params, samples))[0] @ ravel_pytree(direction)[0]
-    rounding = 10 * np.finfo(float).eps * abs(value(params, samples)) / h  # of a difference of sums over the samples
+    rounding = 10 * np.finfo(float).eps * abs(value(params, samples)) / h  # of differences of sums over the samples
     np.testing.assert_allclose(exact, difference, rtol=1e-6, atol=rounding)
 
 

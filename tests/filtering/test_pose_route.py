@@ -48,7 +48,7 @@ def truth():
     felt = np.einsum("tij,tj->ti", turned, sensor.linear_acceleration - robot.gravity)
     turning = np.einsum("tij,tj->ti", turned, sensor.angular_velocity)
     quaternion = quaternions_of(body.R_base_sensor)
-    quaternion[rng.random(len(t)) < 0.3] *= -1  # both signs mean the same
+    quaternion[rng.random(len(t)) < 0.3] *= -1  # both signs are the same orientation
     return {
         "log": {name: np.array(getattr(truth, name)) for name in ("t", "q", "dq", "wrench")},
         "bias": np.array(truth.bias),
@@ -74,7 +74,7 @@ def filter_pose(folder, setup, truth, **arrays):
 
 
 def assert_as_good(result, truth, by_joints, factor=2.0):
-    """Right within its error bars, and about as sharp as the joints."""
+    """The bias is right within its error bars, and about as precise as from joints."""
     late = result["t"] > 1
     error = (result["bias"] - truth["bias"])[late]
     assert (np.abs(error) < 5 * result["bias_std"][late]).all()
@@ -88,7 +88,7 @@ def test_orientation_and_position(truth, by_joints, tmp_path):
     arrays = {"orientation": truth["quaternion_wxyz"], "position": truth["position"]}
     outcome, result = filter_pose(tmp_path, setup, truth, **arrays)
     assert outcome.repairs == ()
-    # Positions of 0.1 mm without velocities say less of the acceleration than encoders do.
+    # Positions of 0.1 mm without velocities determine the acceleration less well than encoders do.
     assert_as_good(result, truth, by_joints, 10)
 
 
@@ -105,19 +105,19 @@ def test_an_imu_instead_of_a_position(truth, by_joints, tmp_path):
 
 
 def test_orientation_alone(truth, tmp_path):
-    """Accelerations that nobody recorded move the bias by no more than the force that they make."""
+    """Unrecorded accelerations change the bias by no more than the force that they cause."""
     setup = pose_setup(orientation="quaternion_wxyz", linear="none", acceleration_std=1.0)
     outcome, result = filter_pose(tmp_path, setup, truth, orientation=truth["quaternion_wxyz"])
     error = (result["bias"] - truth["bias"])[result["t"] > 1]
     unseen = truth["specific_force"].std() * 0.7
     assert np.sqrt((error[:, :3] ** 2).mean()) < 0.2 * unseen
-    assert outcome.summary.mean_nis < 1.5  # what is left of them is in the noise
+    assert outcome.summary.mean_nis < 1.5  # their remainder is in the noise
 
 
 def test_missing_orientations_cost_accuracy_and_nothing_else(truth, tmp_path):
     quaternion = truth["quaternion_wxyz"].copy()
     quaternion[1000:1100] = np.nan
-    quaternion[2000:2050] = 0  # as recorders write what they do not know
+    quaternion[2000:2050] = 0  # as recorders write unknown values
     quaternion[3000:3050, 1] = np.nan
     quaternion[4000:4100] *= 1.01
     setup = pose_setup(orientation="quaternion_wxyz")
@@ -129,7 +129,7 @@ def test_missing_orientations_cost_accuracy_and_nothing_else(truth, tmp_path):
 
 @pytest.mark.slow
 def test_accelerations_that_go_with_the_turning_are_not_taken_for_weight(truth):
-    """Of orientations alone: the arm swings the sensor at a distance that nobody recorded."""
+    """Only orientations are recorded, while the arm swings the sensor at an unknown distance."""
     setup = pose_setup(orientation="quaternion_wxyz", linear="none", orientation_noise_std=1e-4, acceleration_std=0.5)
     light = replace(setup, tool=replace(setup.tool, mass=0.5))
     arrays = {"t": truth["log"]["t"], "wrench": truth["log"]["wrench"], "orientation": truth["quaternion_wxyz"]}
@@ -137,7 +137,7 @@ def test_accelerations_that_go_with_the_turning_are_not_taken_for_weight(truth):
     found = ft.identify_tool(light, log, unchecked=True)
     assert abs(found.tool.values[0] - 0.7) < 3 * found.tool.stderr[0] < 0.005
     np.testing.assert_allclose(found.tool.values[1:4], [0.01, 0.0, 0.06], atol=5e-4)
-    # The filter then knows most of the accelerations, from the setup as it is written.
+    # With the written setup the filter then knows most of the accelerations.
     again = parse_setup(tomllib.loads(dump_setup(found.setup)))
     np.testing.assert_allclose(again.pose.turns_about, -found.tool.lever, rtol=1e-6)
     rest = ft.filter_log(replace(again, pose=replace(again.pose, turns_about=np.zeros(3))), log)

@@ -1,4 +1,4 @@
-"""Process models against the integral they come from, and the properties every exact discretisation has."""
+"""Process models against the integral that defines them, and properties of every exact discretisation."""
 
 import inspect
 
@@ -61,7 +61,7 @@ def test_integrated_noise_is_the_integral_of_the_report(model, entry, dt, densit
 @pytest.mark.parametrize(("model", "entry"), INTEGRATED)
 @given(first=intervals, second=intervals)
 def test_erratum_07_two_steps_equal_one_of_their_total_length(model, entry, first, second):
-    """A and Q of a step belong to the same interval: taken from different ones, steps would not compose."""
+    """A and Q of a step belong to the same interval; from different ones, steps would not compose."""
     (A1, Q1), (A2, Q2), (A, Q) = (matrices(model, dt, 3.0) for dt in (first, second, first + second))
     np.testing.assert_allclose(A2 @ A1, A, rtol=1e-12)
     np.testing.assert_allclose(A2 @ Q1 @ A2.T + Q2, Q, rtol=1e-9)
@@ -119,7 +119,7 @@ def test_a_drift_that_reverts_is_the_integral_of_its_equation(dt, rate):
     F, L = np.array([[0, 1], [0, -rate]]), np.array([[0.0], [0.3]])
     expected = van_loan(F, L, dt)
     np.testing.assert_allclose(A, expected[0], rtol=1e-9)
-    np.testing.assert_allclose(Q, expected[1], rtol=1e-7)  # the exponential itself loses digits in short steps
+    np.testing.assert_allclose(Q, expected[1], rtol=1e-7)  # the matrix exponential itself loses digits in short steps
 
 
 @pytest.mark.parametrize("dt", [1e-3, 0.1, 2.0])
@@ -160,7 +160,7 @@ def test_extreme_rates_and_gaps_stay_finite(dt, rate, dtype):
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_gradients_are_finite_and_right(dtype):
-    """At rates on both sides of every series, at zero, and without time."""
+    """At rates on both sides of every series expansion, at zero, and for dt = 0."""
 
     def total(parameters, dt):
         rows = correlated_bias(dt, BiasStrength(*parameters))

@@ -1,4 +1,4 @@
-"""Sensors that are set to zero while they record: the bias jumps where the setup says, and nowhere else."""
+"""Sensors that are set to zero while they record: the bias jumps where the setup states it, and nowhere else."""
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ JUMPS = (800, 1300)
 
 
 def zeroed_log(rows=JUMPS, start=100.0):
-    """Tables and arrays of a log that is set to zero at some samples; the true bias (T, 6) and the times between."""
+    """Tables and arrays of a log that is set to zero at some samples; the true bias (T, 6) and the times of zeroing."""
     tables, arrays = right_log(seed=9, duration=20.0)
     tables["joints"]["process_noise_density"] = 5.0
     tables["bias"] = {"initial_std": [5.0, 0.5]}
@@ -70,11 +70,11 @@ def test_times_outside_of_a_log_and_padding_say_nothing(zeroed):
 def test_the_filter_finds_the_bias_again_behind_each_jump_and_its_error_bars_hold(zeroed, filtered):
     _, _, bias = zeroed
     off = (filtered.bias - bias) / filtered.bias_std
-    assert np.abs(bias[JUMPS[0]] - BIAS)[:3].max() > 3  # there is something to find
+    assert np.abs(bias[JUMPS[0]] - BIAS)[:3].max() > 3  # otherwise there is nothing to find
     assert np.abs(off[50:]).max() < 5
     for row in JUMPS:
         assert np.abs(off[row - 100 : row + 100]).max() < 5
-        # At the jump no better than a few readings, and worse than before it.
+        # At the jump it is as good as from a few readings, and worse than before it.
         assert (filtered.bias_std[row] > 3 * filtered.bias_std[row - 1]).all()
     assert 0.2 < np.mean(off[50:] ** 2) < 2
     assert filtered.contacts == ()
@@ -92,7 +92,7 @@ def test_the_smoother_knows_no_jump_beforehand(zeroed, filtered):
 
 
 def test_before_a_jump_nothing_is_changed_by_it(zeroed):
-    """The filter as it runs on a robot, without a look at the whole log."""
+    """The filter as it runs on a robot, without future samples."""
     setup, log, _ = zeroed
     params = params_from_setup(setup)
     run = jax.jit(lambda samples: pipeline.run(params, pipeline.init(params, samples), samples)[1]["bias"])
@@ -102,7 +102,7 @@ def test_before_a_jump_nothing_is_changed_by_it(zeroed):
 
 
 def test_what_is_behind_a_jump_is_worth_nothing_before_it(zeroed):
-    """Whitened, a step of the reading at the jump is next to nothing; without the jump it is a loud contradiction."""
+    """Whitened, a step of the reading at the jump nearly vanishes; without the jump it is a large contradiction."""
     with jax.enable_x64(True):
         setup, log, _ = zeroed
         params, samples = params_from_setup(setup, jnp.float64), _short(log)
@@ -115,6 +115,6 @@ def test_what_is_behind_a_jump_is_worth_nothing_before_it(zeroed):
 
 
 def _short(log):
-    """60 samples, of which the 30th is the first behind a jump."""
+    """60 samples, of which the 30th is the first after a jump."""
     part = jax.tree.map(lambda x: jnp.asarray(x[JUMPS[0] - 30 : JUMPS[0] + 30]), samples_from_log(log))
     return part._replace(dt=part.dt.at[0].set(0.0))

@@ -1,4 +1,4 @@
-"""Smoothed states against the one normal distribution of all states and measurements of a log."""
+"""Smoothed states against the joint normal distribution of all states and measurements of a log."""
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,7 @@ def smooth_all(inputs):
 
 
 def inputs_of(name):
-    """A log without restarts; the noise and the drift that revert forget all in a gap of 40 s."""
+    """A log without restarts; noise and drift that revert forget everything in a gap of 40 s."""
     if name in MODELS:
         return problem(name, 2, 0.1)._replace(restart_variance=jnp.full((sizes(name)[0], LANES), jnp.inf))
     plain, rng = problem("drift", 2, 40.0), np.random.default_rng(1)
@@ -47,7 +47,7 @@ def smoothed():
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_smoothed_states_are_the_posterior_given_the_whole_log(linear_gaussian, smoothed, name):
-    """And in single precision near it, with covariances that are positive."""
+    """In single precision they are close to it, with positive covariances."""
     inputs, exact, narrow = (x[name] for x in smoothed)
     assert narrow.covariance.dtype == jnp.float32
     for lane in range(LANES):
@@ -67,7 +67,7 @@ def test_smoothed_states_are_the_posterior_given_the_whole_log(linear_gaussian, 
 
 
 def test_what_comes_after_a_restart_says_nothing_about_before():
-    names = ("integrated_jerk", "integrated_acceleration", "drift")  # the other's positions are not lost
+    names = ("integrated_jerk", "integrated_acceleration", "drift")  # the positions of the other joints are not lost
     inputs = {name: problem(name, 3, 100.0) for name in names}
     restarting = {
         name: x._replace(restart_variance=jnp.full_like(x.restart_variance, 50.0)) for name, x in inputs.items()

@@ -1,4 +1,4 @@
-"""Effects with a memory: what they held before the log is not known, and must not become bias."""
+"""Effects with memory: their state before the log is unknown, and must not become bias."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -28,7 +28,7 @@ def swinging(frequency=4.0, damping_ratio=0.5):
 
 
 def test_a_swing_begun_otherwise_is_forgotten_by_then():
-    """Two accelerations that differ before a time only: hardly any of that is left after the wait."""
+    """Two accelerations that differ only before some time have nearly the same effect after the wait."""
     t = np.arange(8000) / 1000
     wait = settled_at(t, params_with(term=[swinging()])) - t[0]
     assert wait == pytest.approx(-np.log(FORGOTTEN) / (2 * np.pi * 4.0 * 0.5))

@@ -1,4 +1,4 @@
-"""Smoothing against what the past knows; that it is the posterior, test_rts.py and test_params_for_log.py say."""
+"""Smoothing against filtering of the past; test_rts.py and test_params_for_log.py show that it is the posterior."""
 
 import by_params
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ from ftbias_jax.types import Sample
 
 
 def test_the_whole_log_knows_more_than_its_past(params, samples):
-    """Of the joints and of the bias, at every sample; the last of the joints has no future."""
+    """This holds for joints and bias at every sample, except the last of the joints, which has no future."""
     start = pipeline.init(params, samples)
     _, filtered = stages.run(params, start, samples, pipeline.DEFAULT_OPTIONS)
     joints, (bias, bias_std) = smoother.smooth_joints(params, start, samples), by_params.smooth_bias(params, samples)
@@ -50,7 +50,7 @@ def drifting(dtype):
 
 
 def test_single_precision_keeps_its_digits():
-    """P_0 is up to 1e10 times the smoothed variance: a difference of covariances would have no digit left."""
+    """P_0 is up to 1e10 times the smoothed variance: a difference of covariances would have no correct digit."""
     results = []
     for dtype in (jnp.float32, jnp.float64):
         params, samples = drifting(dtype)
@@ -62,7 +62,7 @@ def test_single_precision_keeps_its_digits():
     assert (np.linalg.eigvalsh(exact_P) > 0).all()
     variance, exact = (np.diagonal(x, axis1=2, axis2=3) for x in (P, exact_P))
     np.testing.assert_allclose(variance[10:], exact[10:], rtol=1e-3)
-    np.testing.assert_allclose(variance, exact, rtol=0.1)  # while next to nothing is known
+    np.testing.assert_allclose(variance, exact, rtol=0.1)  # while almost nothing is known
     np.testing.assert_allclose(std, exact_std, rtol=1e-3)
     assert (np.abs(bias - exact_bias) < 0.5 * exact_std).all()
     assert (np.abs(q - exact_q) < 0.2 * np.sqrt(exact)).all()

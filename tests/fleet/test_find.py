@@ -1,4 +1,4 @@
-"""Which logs are found, where their results go, and which share of them a machine gets."""
+"""Which logs are found, where their results are written, and which share of them a machine processes."""
 
 import os
 
@@ -62,7 +62,7 @@ def test_shards_are_all_logs_once():
 def test_folders_and_patterns_become_the_logs_in_them(logs):
     (logs / "other.csv").touch()
     assert expand(["logs/day/c.npz", "logs/day", "logs/*.npz"]) == ["logs/day/c.npz", "logs/day/a.npz", "logs/b.npz"]
-    assert expand(["none.npz"]) == ["none.npz"]  # whoever reads it says that it is not there
+    assert expand(["none.npz"]) == ["none.npz"]  # a reader reports it as missing
     with pytest.raises(UsageError, match="no log in"):
         expand([os.fspath(logs), "logs/*.bag"])
 

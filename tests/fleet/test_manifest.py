@@ -1,4 +1,4 @@
-"""The manifest: lines are only added, a torn one is forgotten, and what was edited by hand does no harm."""
+"""The manifest: lines are only appended, a truncated one is ignored, and edits by hand do no harm."""
 
 import hashlib
 import json
@@ -117,7 +117,7 @@ def test_a_file_with_other_bytes_is_not_unchanged(tmp_path):
     (tmp_path / "a.html").write_bytes(b"pale")
     assert not is_unchanged(Place(str(tmp_path)), entry)
     (tmp_path / "a.html").unlink()
-    os.mkfifo(tmp_path / "a.html")  # would be waited for
+    os.mkfifo(tmp_path / "a.html")  # reading it would block
     assert not is_unchanged(Place(str(tmp_path)), entry)
 
 
@@ -130,7 +130,7 @@ def test_only_whole_results_are_done(tmp_path):
 
 
 def test_a_line_costs_the_same_for_the_first_log_and_for_the_ten_thousandth(tmp_path):
-    """The median, because other processes take the machine away at times."""
+    """The median is compared, because other processes use the machine at times."""
     seconds = []
     with Manifest(str(tmp_path / "manifest.filter.jsonl")) as manifest:
         for number in range(5000):

@@ -1,4 +1,4 @@
-"""Archives in buckets, in a store of fsspec in memory: what is published when, and what a killed process leaves."""
+"""Archives in buckets, on an fsspec store in memory: what is published when, and what a killed process leaves."""
 
 import fsspec
 import pytest
@@ -84,7 +84,7 @@ def test_a_file_that_grows_is_one_object_and_goes_on_where_it_was(store):
 
 
 def test_a_manifest_that_takes_long_to_send_is_sent_seldom(tmp_path, monkeypatch):
-    sent, clock = [], iter(range(0, 10**6, 10))  # each look at the clock takes 10 s
+    sent, clock = [], iter(range(0, 10**6, 10))  # each reading of the clock is 10 s later
     monkeypatch.setattr("ftbias_jax.fleet.manifest.time.monotonic", lambda: float(next(clock)))
     with Manifest(str(tmp_path / NAME), lambda: sent.append(1)) as manifest:
         for _ in range(100):
@@ -104,4 +104,4 @@ def test_a_manifest_in_a_bucket_is_read_while_it_grows(store):
         manifest.add("run", {})
         assert contents_of(bucket).entries.keys() == {"a.npz", "b.npz"}
     store.pipe_file("/bucket/results/below/manifest.filter.jsonl", b"{")
-    assert contents_of(bucket).damaged == 0  # that of another archive
+    assert contents_of(bucket).damaged == 0  # it belongs to another archive

@@ -1,4 +1,4 @@
-"""A fleet's page: what it says about robots over months, and that it needs nothing and runs nothing."""
+"""A fleet's page: what it states about robots over months; it loads nothing and runs nothing."""
 
 import json
 import re
@@ -71,7 +71,7 @@ def test_the_page_is_whole_and_runs_and_loads_nothing(fleet):
     assert len(ids := page.values("id")) == len(set(ids))
     assert "default-src 'none'" in text
     assert "http://" not in text.replace("http://www.w3.org", "")
-    assert "<b>fleet</b>" not in text  # the title is no markup
+    assert "<b>fleet</b>" not in text  # the title is escaped
     assert "is not an NPZ file &lt;cut&gt;" in text
     for words in ("2 alarms", "the bias of fz ages", "cell 2, sensor FT-02, over time", "tool_mass (29)", "29 of 60"):
         assert words in text
@@ -124,7 +124,7 @@ def test_every_drawing_has_words_for_who_cannot_see_it(fleet):
 def test_a_log_leads_to_the_report_of_its_diagnosis(folder):
     place = folder / "cell_2"
     (place / "059.html").write_text("")
-    assert main(["report", str(folder), "-o", str(place / "059.html")]) == 2  # it would be replaced
+    assert main(["report", str(folder), "-o", str(place / "059.html")]) == 2  # it would be overwritten
     assert (place / "059.html").read_text() == ""
     text = to_page(read_fleet([str(folder)]), "fleet", str(folder / "pages"))
     assert '<a href="../cell_2/059.html">logs/cell 2/059.npz</a>' in text
@@ -142,13 +142,13 @@ def test_a_log_in_a_bucket_leads_to_its_report_there(capsys):
     assert fleet.folders == ("memory://fleet/cell 2",)
     assert '<a href="../cell%202/059.html">log</a>' in to_page(fleet, "fleet", "memory://fleet/pages")
     assert '<a href="memory://fleet/cell%202/059.html">log</a>' in to_page(fleet, "fleet", "pages")
-    assert main(["report", "memory://fleet", "-o", "memory://fleet/cell 2/059.html"]) == 2  # it would be replaced
+    assert main(["report", "memory://fleet", "-o", "memory://fleet/cell 2/059.html"]) == 2  # it would be overwritten
     assert "is the same file as the input" in capsys.readouterr().err
     memory.rm("/fleet", recursive=True)
 
 
 def test_many_logs_make_no_long_page(tmp_path):
-    """Dots are thinned and tables are cut: a page for people, not a copy of the manifest."""
+    """Dots are thinned and tables are truncated: a page for people, not a copy of the manifest."""
     settings = Settings("filter", "x", {}, "1", "setup.toml", "arm")
     with Manifest(str(tmp_path / "manifest.filter.jsonl")) as manifest:
         manifest.add("settings", settings._asdict())
@@ -212,7 +212,7 @@ def test_a_cause_that_logs_show_together_is_an_alarm_of_its_robot(folder, tmp_pa
     words = "mount_rotation: since 2026-01-17 (95 %: 2026-01-15 to 2026-01-18), growing since, 1 % of it before"
     text = capsys.readouterr().out
     assert f"cell 1, sensor FT-01: logs together show {words}" in text
-    assert f"cell 9.toml: logs together show {words}" in text  # of a robot none of whose logs has a result
+    assert f"cell 9.toml: logs together show {words}" in text  # a robot without a result of any log
     text = (tmp_path / "page.html").read_text()
     assert words in text
     assert "mount_rotation, share of what it is in the latest logs" in text

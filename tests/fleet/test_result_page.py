@@ -1,4 +1,4 @@
-"""The page of one filtered log, and files that are none."""
+"""The page of one filtered log, and files that are no results."""
 
 import json
 

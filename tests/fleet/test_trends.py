@@ -1,4 +1,4 @@
-"""What is more than scatter over many logs: lines and beginnings."""
+"""Trends beyond scatter over many logs: lines and onsets."""
 
 import numpy as np
 import pytest
@@ -51,9 +51,9 @@ def test_logs_without_a_number_are_left_out_and_few_logs_have_no_trend():
     [
         ("00111", 2),
         ("00011", 3),
-        ("000001", None),  # one log
-        ("0000010000", None),  # it has gone again
-        ("11111", None),  # it has always been
+        ("000001", None),  # a single log
+        ("0000010000", None),  # it has disappeared again
+        ("11111", None),  # it was always there
         ("00000000010110111", 9),
         ("1", None),
         ("", None),

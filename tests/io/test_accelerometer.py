@@ -1,4 +1,4 @@
-"""What an accelerometer is off by, from gravity where the sensor rests between motions."""
+"""Calibration errors of an accelerometer, from gravity where the sensor rests between motions."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ OFFSET = np.array([0.3, -0.2, 0.15])
 
 
 def log_of(seed, *, restless=False):
-    """Stamps, specific force of a right accelerometer, and minus gravity: turns between rests."""
+    """Stamps, specific force of an ideal accelerometer, and minus gravity, for turns between rests."""
     rng, t = np.random.default_rng(seed), np.arange(int(RATE * DURATION)) / RATE
     path = np.clip(t[:, None] % 4 - 1, 0, 2) / 2 + t[:, None] // 4  # a second of rest, two of motion, a second of rest
     moves = np.ones_like(path) if restless else (t[:, None] % 4 > 1) & (t[:, None] % 4 < 3)

@@ -1,4 +1,4 @@
-"""The same log as different people record it: other units, axes, conventions, separators, files. One result for all."""
+"""The same log in many forms: other units, axes, conventions, separators, files. One result for all."""
 
 import made_weights as made
 import numpy as np
@@ -14,10 +14,10 @@ from ftbias_jax.setup.recorded import LogSetup
 from ftbias_jax.setup.robots import built_in_robot
 
 START = 1_708_857_503_931_759
-"""Microseconds since 1970."""
+"""Start of the log, microseconds since 1970."""
 SAMPLES = 60
 STEP = 2_003
-"""Microseconds."""
+"""Interval between samples in microseconds."""
 
 
 def arm_setup(**log):
@@ -30,13 +30,13 @@ def pose_setup(log=(), **pose):
 
 
 def arm():
-    """us, q, dq and wrench."""
+    """Stamps in us, q, dq and wrench."""
     _, q, wrench = made.arm_log("ur5e", samples=SAMPLES)
     return START + STEP * np.arange(SAMPLES), q, np.gradient(q, axis=0), wrench
 
 
 def pose():
-    """us, rotations, position, angular velocity, specific force, wrench; everything changes."""
+    """Stamps in us, rotations, position, angular velocity, specific force and wrench, all of which vary."""
     t, q, _, wrench = arm()
     turned = Rotation.from_matrix(made.rotations(built_in_robot("ur5e"), q))
     rng = np.random.default_rng(1)

@@ -1,4 +1,4 @@
-"""The memory that is stated for a log holds for every format, and says how to have more."""
+"""The memory stated for a log applies to every format, and the error names how to allow more."""
 
 import numpy as np
 import pytest

@@ -9,7 +9,7 @@ T = 900
 
 
 def recorded(**changes):
-    """A log at 100 Hz of a sensor in order, with changed arrays."""
+    """A log at 100 Hz of a working sensor, with some arrays replaced."""
     rng = np.random.default_rng(0)
     t, nothing = np.arange(T) * 0.01, np.full(T, np.nan)
     log = Log(t, rng.normal(size=(T, 2)), np.full((T, 2), np.nan), rng.normal(size=(T, 6)), nothing)
@@ -66,7 +66,7 @@ def test_a_wrench_of_which_nothing_is_left_is_refused():
 
 
 def in_motion():
-    """A log of joints that swing and of their speeds, five readings of which are wrong; and the rows of those."""
+    """A log of swinging joints with their speeds, five readings of which are wrong, and the rows of those."""
     t = np.arange(2000) * 0.004
     swing = np.stack([0.5 * np.sin(2 * t), np.sin(t + 1)], 1)
     q, dq = 1.5 + swing, np.stack([np.cos(2 * t), np.cos(t + 1)], 1)
@@ -107,7 +107,7 @@ def test_readings_that_are_left_out_for_a_diagnosis_are_kept_in_the_raw_log():
 
 
 def test_a_log_that_goes_on_elsewhere_is_left_out_there():
-    """No smooth motion leads across, and the wrench on the way would be taken for contact."""
+    """No smooth motion connects both sides, and the wrench in between would be mistaken for contact."""
     log = recorded(t=np.arange(T) * 0.01, q=np.sin(np.arange(T)[:, None] * 0.01 + [0.0, 1.0]))
     log.q[500:] += 0.4
     cleaned = clean(log)

@@ -1,4 +1,4 @@
-"""The same log through every format, and what only HDF5 and Parquet can do."""
+"""The same log through every format, and features that only HDF5 and Parquet have."""
 
 import sys
 
@@ -27,7 +27,7 @@ def columns(log):
 
 @pytest.fixture(scope="session")
 def original(tmp_path_factory, setup) -> Log:
-    """A log as it comes from a recording: two streams, merged."""
+    """A log as read from a recording: two merged streams."""
     folder = tmp_path_factory.mktemp("ros")
     return read_log(recordings.write(folder, "ros1", recordings.messages()), setup)
 

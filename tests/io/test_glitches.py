@@ -1,4 +1,4 @@
-"""Joint readings that no arm can have taken are found, and nothing else is."""
+"""Joint readings that no arm can have are found, and nothing else is."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def find_jumps(t, x, order=2):
 
 
 def arm(rate, seed=0, noise=1e-5, joints=3):
-    """Times in s, and (T, joints) rad of an arm that swings, with its speeds."""
+    """Times in s, (T, joints) rad of a swinging arm, and its speeds."""
     rng = np.random.default_rng(seed)
     t = np.arange(0, SECONDS, 1 / rate)
     turns, phase, size = rng.uniform(0.5, 3, joints), rng.uniform(0, 6, joints), rng.uniform(0.3, 1, joints)
@@ -28,7 +28,7 @@ def arm(rate, seed=0, noise=1e-5, joints=3):
 
 
 def braking(t):
-    """(T, 1) rad of a joint that drives at 1 rad/s, and brakes with 10 rad/s^2 until it stands still."""
+    """(T, 1) rad of a joint that moves at 1 rad/s and brakes at 10 rad/s^2 to a standstill."""
     return np.cumsum(np.clip(10 * (6 - t), 0, 1))[:, None] * (t[1] - t[0])
 
 
@@ -41,9 +41,9 @@ def test_an_arm_that_moves_has_none(rate, seed, noise, digits):
         assert not len(find_jumps(t, x, order))
         assert not len(find_repeats(t, x))
         assert not len(find_jumps(t[~lost], x[~lost], order))
-    assert not len(find_jumps(t, (q + np.pi) % (2 * np.pi) - np.pi))  # an angle that begins anew
+    assert not len(find_jumps(t, (q + np.pi) % (2 * np.pi) - np.pi))  # a wrapped angle
     stepped = q + 0.5 * (t > 7)[:, None]
-    off, breaks = glitches.find_jumps(t, stepped)  # lasts, and may be true
+    off, breaks = glitches.find_jumps(t, stepped)  # a lasting jump may be true
     assert not len(off)
     assert list(breaks) == [np.argmax(t > 7)]
 
@@ -94,7 +94,7 @@ def test_rows_that_are_not_measured_are_no_rows():
 
 @given(seed=st.integers(0, 10**6), rate=st.sampled_from([125.0, 500.0]), run=st.integers(1, 20))
 def test_readings_that_are_repeated_in_motion_are_found(seed, rate, run):
-    """In the midst, at the end, and at the beginning."""
+    """The repeats are in the middle, at the end, and at the beginning."""
     t, q, _ = arm(rate, seed, noise=0.0)
     stale = np.r_[1 : run + 1, 500 : 500 + run, len(t) - run : len(t)]
     for first in (499, len(t) - run - 1):

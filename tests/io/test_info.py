@@ -51,7 +51,7 @@ def test_trouble_is_named(tmp_path):
 
 
 def test_a_clock_that_runs_fast_is_told_from_stamps_alone(tmp_path):
-    """Of a topic against the recorder's times; of files of arrays by ends that streams have apart."""
+    """From a topic's stamps and the recorder's times, or from streams of array files that end apart."""
     true = np.arange(4000) * 0.01
     logged = np.rint((true + np.random.default_rng(0).exponential(1e-3, len(true))) * 1e9).astype(np.int64)
     stamps = np.rint(1.0005 * true * 1e9).astype(np.int64)

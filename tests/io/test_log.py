@@ -1,4 +1,4 @@
-"""Logs from arrays in memory are those that would be read from a file with the same arrays."""
+"""Logs from arrays in memory equal those read from a file with the same arrays."""
 
 from pathlib import Path
 

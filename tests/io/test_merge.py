@@ -1,4 +1,4 @@
-"""Streams with stamps of their own on one timeline."""
+"""Streams with their own stamps, merged on one timeline."""
 
 from types import SimpleNamespace
 
@@ -39,7 +39,7 @@ stamps = st.lists(st.integers(0, 30), min_size=1, max_size=12, unique=True).map(
 
 @given(stamps, stamps)
 def test_every_sample_is_there_once_in_order(joint_t, wrench_t):
-    """Against the plain loop over the union of stamps."""
+    """The reference is a plain loop over the union of stamps."""
     joint_t, wrench_t = [-1, *joint_t, 31], [-2, *wrench_t, 32]  # so that they overlap
     log = merge(joint_t, [[t] for t in joint_t], wrench_t, np.repeat([[t] for t in wrench_t], 6, 1))
     assert log.t.tolist() == sorted({*joint_t, *wrench_t})

@@ -1,4 +1,4 @@
-"""What a setup, a listing or an address names: read inside the log's folder alone, and never the path of a copy."""
+"""Names in a setup, a listing or a URL: read only in the log's folder, and never used as the path of a copy."""
 
 import os
 import shlex
@@ -38,7 +38,7 @@ COMMANDS = [
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A log of two files in a folder, and its joints once more above that folder."""
+    """A log of two files in a folder, and its joints again in the folder above."""
     place = tmp_path / "logs"
     write_log(place / "whole.npz")
     monkeypatch.chdir(place)
@@ -92,7 +92,7 @@ def test_a_link_out_of_the_folder_is_refused_and_one_within_is_not(folder, tmp_p
 
 
 def test_the_file_that_names_a_log_is_no_way_out_for_a_link(folder, tmp_path, capsys):
-    """The user names the joints, and the command the wrench for them."""
+    """The user gives the joints, and the command resolves the wrench."""
     state("*_joints.npz")
     os.replace("1_ft.npz", tmp_path / "ft.npz")
     os.symlink(tmp_path / "ft.npz", "1_ft.npz")

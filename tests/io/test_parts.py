@@ -1,4 +1,4 @@
-"""Logs read in parts are the logs read whole, and say the same of what is wrong with them."""
+"""Logs read in parts equal those read whole, with the same report of faults."""
 
 import numpy as np
 import pytest
@@ -107,7 +107,7 @@ def test_damage_anywhere_in_a_file_is_an_error_of_ours(tmp_path, setup, save):
 
 
 def spoilt(kind):
-    """A log with one of the faults that are mended."""
+    """A log with one of the faults that are repaired."""
     log = arrays()
     log["wrench"] = np.random.default_rng(1).normal(size=(T, 6))
     if kind == "stuck":

@@ -15,7 +15,7 @@ COUNT = 50
 
 
 def turning(count=COUNT, rate=3.0):
-    """Quaternions w, x, y, z of a steady turn about a slanted axis, past a whole turn, 0.1 s apart."""
+    """Quaternions w, x, y, z of a steady turn about a slanted axis, by more than a whole turn, 0.1 s apart."""
     angle = 0.1 * rate * np.arange(count)[:, None]
     return np.hstack([np.cos(angle / 2), np.sin(angle / 2) * [0.6, 0.0, 0.8]])
 

@@ -1,4 +1,4 @@
-"""Held readings are found and used once, those of a coarse sensor at rest are not held; jitter and gaps are told."""
+"""Held readings are found and used once, unlike those of a coarse sensor at rest; jitter and gaps are reported."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ T = np.arange(2000) / 100
 
 
 def arm(samples, rest=300, noise=0.3, step=0.0, speed=0.01, seed=0):
-    """(T, 6) readings of an arm that stops and goes every ``rest`` samples, on a lattice of ``step``; 0 = fine."""
+    """(T, 6) readings of an arm that stops and goes every ``rest`` samples, rounded to ``step``; 0 = not rounded."""
     rng = np.random.default_rng(seed)
     phase = np.cumsum(np.where((np.arange(samples) // rest) % 2, speed, 0.0))
     reading = 20 * np.sin(phase[:, None] * np.arange(1, 7) + np.arange(6)) + noise * rng.normal(size=(samples, 6))
@@ -70,7 +70,7 @@ def write(path, samples, joints=1):
 
 
 def test_a_raw_log_keeps_held_readings_and_says_so(tmp_path, setup):
-    """What is told of the log without the repeats, tests/faults/test_filtering.py says."""
+    """What is reported of the log without the repeats is tested in tests/faults/test_filtering.py."""
     write(tmp_path / "log.npz", 4, 2)
     raw = read_log(tmp_path / "log.npz", setup, raw=True)
     assert all(np.isfinite(values).all() for values in (raw.q, raw.dq, raw.wrench))
@@ -141,7 +141,7 @@ def test_rows_without_a_reading_are_lost_where_no_slower_sensor_explains_them():
 
 
 def slow_encoders(noise):
-    """Joints at constant speeds, whose encoders count every few samples."""
+    """Joints at constant speeds, whose encoder counts change only every few samples."""
     speeds = np.array([0.0, 0.31, 0.17, 0.0, 0.093, 0.41])
     return np.round(np.arange(20_000)[:, None] * speeds + noise * np.random.default_rng(0).normal(size=(20_000, 6)))
 

@@ -1,4 +1,4 @@
-"""Logs by URL: the same as from the file, without secrets in what is written, and a line where it cannot be had."""
+"""Logs by URL: the same as from the file, without secrets in outputs, and one line where a log is not available."""
 
 import hashlib
 import json
@@ -23,7 +23,7 @@ from ftbias_jax.setup import load_setup
 
 @pytest.fixture
 def store(tmp_path, monkeypatch):
-    """Three logs in a store in memory, and the setup in the current folder; a function gives the bytes of a file."""
+    """Three logs in a store in memory, with the setup in the current folder; a function returns the bytes of a file."""
     monkeypatch.chdir(tmp_path)
     memory = fsspec.filesystem("memory")
     for seed, name in enumerate(["b.npz", "day/a.npz", "day/c.npz"]):
@@ -66,7 +66,7 @@ def test_an_archive_in_a_store_is_filtered_once(store):
     entry = manifest()[1]
     assert entry.log == "memory:///runs/day/a.npz"
     assert entry.state.sha256 == hashlib.sha256(store.cat("/runs/day/a.npz")).hexdigest()
-    assert fetch._kept == {}  # copies go with their logs
+    assert fetch._kept == {}  # copies are removed with their logs
     first = manifest()
     assert filter_archive("memory://runs") == 0
     assert manifest() == first

@@ -1,4 +1,4 @@
-"""Logs that no setup describes: ``ftbias info`` shows what is in them, and the keys that would state it."""
+"""Logs that no setup describes: ``ftbias info`` shows their content, and the keys that would state it."""
 
 import tomllib
 
@@ -31,7 +31,7 @@ def write_csv(path, names, *columns, separator=","):
 
 
 def stated(info):
-    """What the keys say, as tables of a setup."""
+    """The keys that info proposes, as tables of a setup."""
     return tomllib.loads("\n".join(line.replace("...", "50.0") for line in info.keys))
 
 

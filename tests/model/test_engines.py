@@ -22,7 +22,7 @@ PRINCIPAL_AXES = rotation_from_rpy(np.array([0.3, -0.5, 0.8]))
 
 
 class Observed(NamedTuple):
-    """What an engine says of the sensor frame, in the conventions of the package."""
+    """Quantities of the sensor frame from an engine, in the conventions of the package."""
 
     rotation: Array
     position: Array
@@ -32,7 +32,7 @@ class Observed(NamedTuple):
 
 
 def axes_and_points(arm):
-    """Of each joint: whether it turns, its axis, and a point on it."""
+    """Whether each joint turns, its axis, and a point on the axis."""
     for linear, angular in zip(np.asarray(arm.linear), np.asarray(arm.angular), strict=True):
         turns = bool(angular.any())
         yield turns, angular if turns else linear, np.cross(angular, linear)

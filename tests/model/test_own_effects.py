@@ -1,4 +1,4 @@
-"""Effects that the caller brings."""
+"""Effects that are passed by the caller."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -40,7 +40,7 @@ def file(tmp_path):
 
 
 def test_a_file_gives_the_effects_that_it_names(file, tmp_path):
-    """A list in the file decides which, and in which order."""
+    """A list in the file decides which effects are taken, and in which order."""
     assert [effect.name for effect in load_effects(file)] == ["hose_drag"]
     copies = [f"HOSE_DRAG._replace(name={name!r})" for name in ("b", "a")]
     file.write_text(own_effects.HOSE + f"EFFECTS = [{', '.join(copies)}]\n")
@@ -133,7 +133,7 @@ def test_catalogues_of_the_same_entries_share_what_is_compiled():
 def test_values_keep_their_catalogue_through_a_compiled_function():
     catalogue = catalogue_with([SIMPLE])
     values = values_of({"simple": {"shift": 2.0}}, catalogue)
-    assert type(values_of({"gain": {"gain": np.ones(6)}}, catalogue)) is dict  # of built-in effects they stay plain
+    assert type(values_of({"gain": {"gain": np.ones(6)}}, catalogue)) is dict  # those of built-in effects stay plain
     doubled = jax.jit(lambda values: jax.tree.map(lambda x: 2 * x, values))(values)
     assert isinstance(doubled, OwnValues)
     assert doubled.catalogue is catalogue
@@ -162,7 +162,7 @@ def test_an_effect_that_is_brought_twice_counts_once(file):
 
 
 def test_a_simulated_hose_pulls_against_the_velocity_of_the_sensor(file):
-    """The force that the reading lacks, turned to base axes, against differences of the sensor's position."""
+    """The force missing in the reading, in base axes, against finite differences of the sensor's position."""
     setup = parse_setup(PANDA)
     own = load_effects(file)
     made = simulate(setup, {"hose_drag": {"coefficient": 4.0}}, own=own, duration=4, rate=200, seed=3)

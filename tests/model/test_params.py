@@ -38,7 +38,7 @@ def test_the_speed_from_which_vibration_grows_with_the_speed_alone_is_known_to_t
 
 @pytest.mark.parametrize("scale", [0.02, [0.5, 1, 2, 3, 4, 5]])
 def test_a_known_noise_level_is_the_noise_of_the_sensor(scale):
-    """And no factor of all noise: the model's error, which a filter measures by it, has nothing to do with it."""
+    """It does not scale all noise: the model's error, which a filter measures relative to it, is independent of it."""
     stated = PANDA["sensor"] | {"noise_std": (np.broadcast_to(scale, 6) * parse_setup(PANDA).sensor.noise_std).tolist()}
     expected = params_from_setup(parse_setup(PANDA | {"sensor": stated}))
     chex.assert_trees_all_equal(params_with({"noise_level": {"scale": scale}}), expected)

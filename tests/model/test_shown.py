@@ -1,4 +1,4 @@
-"""What a log of the sensor's pose cannot show, and what drives of terms see of it."""
+"""What a log of the sensor's pose cannot determine, and which values the drives of terms get from it."""
 
 import jax
 import jax.numpy as jnp

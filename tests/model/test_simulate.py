@@ -33,7 +33,7 @@ def test_the_log_is_tool_minus_bias_plus_noise(params, trajectory):
     log = simulate(jax.random.key(2), params, trajectory)
     noise = np.asarray(log.wrench - log.wrench_tool + log.bias)
     bias = params.bias
-    R = measurement_covariance(params.theta, bias.data_variance, bias.wrench_variance)  # Sigma_D is in it
+    R = measurement_covariance(params.theta, bias.data_variance, bias.wrench_variance)  # including Sigma_D
     std = np.sqrt(np.diagonal(R))
     np.testing.assert_allclose(noise.std(0), std, rtol=0.15)
     np.testing.assert_allclose(noise.mean(0), 0, atol=4 * std.max() / np.sqrt(len(T)))
@@ -112,7 +112,7 @@ def test_simulated_motion_stays_within_the_limits_of_the_arm(robot):
     assert (center + excursion <= setup.robot.position_limits[:, 1] + 1e-12).all()
 
 
-# The command.
+# The command line.
 
 
 @pytest.fixture
@@ -138,7 +138,7 @@ def test_the_command_writes_log_and_truth(setup_file, capsys):
     assert truth["effects.tool_mass.mass"] == 0.8
     warmer = log["temperature"] - log["temperature"][0]
     assert warmer.max() > 5
-    # The temperature's part is in both, the clean reading and the true bias.
+    # The temperature drift is in both, the clean reading and the true bias.
     process = truth["bias"] - np.outer(warmer, truth["effects.temperature_drift.per_kelvin"])
     noise = log["wrench"] - truth["wrench_clean"] + process
     np.testing.assert_allclose(noise.std(0), [0.1] * 3 + [0.004] * 3, rtol=0.2)

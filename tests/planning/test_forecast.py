@@ -36,7 +36,7 @@ def test_nothing_is_planned_for_what_standing_still_shows_as_well():
 
 
 def told_of(*columns):
-    """Products of what is left of one effect, the other's derivative, the same the other way round, and the inertia."""
+    """Products of each effect's residual and the other's derivative in both directions, and the inertia."""
     stacked = np.concatenate([np.stack(columns), np.zeros((6, len(columns[0])))])
     return stacked @ stacked.T
 

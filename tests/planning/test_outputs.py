@@ -1,4 +1,4 @@
-"""The plan as files for controllers and as a page, of a motion that is made up."""
+"""The plan as files for controllers and as a page, for a made-up motion."""
 
 import json
 import re

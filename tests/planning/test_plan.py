@@ -75,7 +75,7 @@ def test_no_point_is_below_the_floor_and_the_axis_keeps_its_direction(made, posi
 
 
 def test_the_forecast_is_what_a_log_of_the_motion_tells(setup, made):
-    """Worked out by other means: the joints of a simulated log, smoothed, and the filter's recursion."""
+    """Computed differently: from smoothed joints of a simulated log and the filter's recursion."""
     (asked,), problem = made.asked, make_problem(setup, [log_of(setup, made.motion)])[0]
     told = information_of_logs(problem, ("tool",), ((asked.base, asked.scale, asked.at),))
     ratio = stds_of(told, asked) / made.forecast.plan

@@ -1,4 +1,4 @@
-"""Loops compiled as a whole, or over pieces of a padded log, give what they give otherwise."""
+"""Loops compiled as a whole, or over pieces of a padded log, give the same results as plain ones."""
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ ROOM = 4 * PIECE
 
 
 def smoothed(factor, x):
-    """Sums that forget, and their squares."""
+    """Exponentially weighted sums, and their squares."""
 
     def body(state, x):
         state = compile_whole(lambda state, x: factor * state + x)(state, x)
@@ -65,7 +65,7 @@ def test_one_at_a_time_under_vmap():
 
 
 def test_log_by_log_under_nested_vmap_and_in_slopes():
-    """One after the other, however nested; what one log leaves out is left out, which a mapped ``cond`` would not."""
+    """Logs are processed one by one, however nested; a skipped part is not computed, unlike in a mapped ``cond``."""
     calls = []
 
     def work(factor, x):
@@ -86,7 +86,7 @@ def test_log_by_log_under_nested_vmap_and_in_slopes():
 
 
 def test_slopes_of_what_one_of_many_arguments_asks_for():
-    """And those of one log after the other: of what is left out in a log no slope is worked out."""
+    """Logs are processed one after the other: no derivative is computed of a part that a log skips."""
     calls = []
 
     @jax.custom_vjp
@@ -112,7 +112,7 @@ def test_slopes_of_what_one_of_many_arguments_asks_for():
 
 @jax.jit
 def both_ways(x, length):
-    """Sums up to each sample, and from each on; padding is zero, so it changes neither."""
+    """Sums up to each sample, and from each sample on; padding is zero, so it changes neither."""
 
     def forth(total, x):
         sums = total + jnp.cumsum(x)
@@ -134,7 +134,7 @@ def test_a_state_is_carried_through_the_pieces_of_the_log_and_no_others(length):
     np.testing.assert_array_equal(forth[:length], np.cumsum(x)[:length])
     np.testing.assert_array_equal(back[:length], np.cumsum(x[::-1])[::-1][:length])
     worked_on = PIECE * -(-length // PIECE)
-    np.testing.assert_array_equal(forth[worked_on:], 0)  # the sum so far, had the piece been worked on
+    np.testing.assert_array_equal(forth[worked_on:], 0)  # otherwise it would be the sum so far
 
 
 def test_slopes_pass_through_the_pieces():
@@ -148,7 +148,7 @@ def test_slopes_pass_through_the_pieces():
 
 
 def test_a_forward_pass_is_traced_once_whatever_another_trace_would_keep():
-    """As where JAX has traced parts of it before."""
+    """This also holds where JAX has traced parts of it before."""
     traces = []
 
     def square(x):

@@ -1,4 +1,4 @@
-"""Tasks given to executors: all done, few at a time, again if a worker is lost; clusters, and processes of our own."""
+"""Tasks given to executors: all are done, few at a time, again if a worker is lost; clusters, and local processes."""
 
 import os
 import signal
@@ -21,7 +21,7 @@ def doubled(number):
 
 
 class Losing(Executor):
-    """Loses the worker of some tasks so many times, and counts how many wait."""
+    """An executor that loses the worker of some tasks repeatedly, and counts how many wait."""
 
     def __init__(self, losses):
         self.losses, self.flying, self.most = dict(losses), 0, 0
@@ -105,7 +105,7 @@ def test_ray_does_every_task():
 
 
 def killed(task):
-    """Not a task that fails, but one that takes its process down."""
+    """Kill the process of one task, rather than fail."""
     if task == "deadly":
         time.sleep(0.2)
         os.kill(os.getpid(), signal.SIGKILL)
@@ -134,7 +134,7 @@ def alive(pid):
 
 
 def test_processes_end_with_a_parent_that_was_killed(tmp_path):
-    """Each tells its number, and would work on for minutes."""
+    """Each process reports its number, and would work on for minutes."""
     program = "import functools, os, sys; from ftbias_jax.runtime.executors import run_each\n"
     program += "if __name__ == '__main__': list(run_each(os.system, [f'echo $PPID >> {sys.argv[1]}; sleep 20'] * 2, 2))"
     path = os.path.dirname(os.path.dirname(ftbias_jax.__file__))

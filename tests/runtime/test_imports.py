@@ -1,4 +1,4 @@
-"""Garbage is not looked for while a process imports all that it needs, and is afterwards."""
+"""Garbage collection is off while a process imports its modules, and on afterwards."""
 
 import gc
 import sys
@@ -10,7 +10,7 @@ from ftbias_jax.runtime.imports import many_imports
 
 @pytest.fixture
 def fresh(monkeypatch):
-    """A process that has not imported much; what it freezes is thawed again."""
+    """A process with few imports; objects that it freezes are unfrozen again."""
     monkeypatch.delitem(sys.modules, "jax")
     yield
     gc.unfreeze()

@@ -16,9 +16,9 @@ ALWAYS = {"jax_enable_x64": True, "jax_platforms": "cpu"}
 
 @pytest.fixture
 def updates(monkeypatch):
-    """The settings that would be made; the process keeps its own."""
+    """The settings that would be made; those of the process stay."""
     made = {}
-    # A command that ran in this process before may have chosen a cache already.
+    # An earlier command in this process may have chosen a cache.
     config = SimpleNamespace(
         update=lambda name, value: made.update({name: value}),
         jax_compilation_cache_dir=None,
@@ -34,7 +34,7 @@ def test_the_cache_is_the_user_s(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
     assert cache_folder() == tmp_path / "xdg" / "ftbias"
     monkeypatch.setenv("HOME", str(tmp_path))
-    for not_a_place in ("", "relative"):  # to be ignored, says the XDG specification
+    for not_a_place in ("", "relative"):  # to be ignored according to the XDG specification
         monkeypatch.setenv("XDG_CACHE_HOME", not_a_place)
         assert cache_folder() == Path(tmp_path) / ".cache" / "ftbias"
 

@@ -1,4 +1,4 @@
-"""Programs that stay compiled between processes: loaded instead of traced, and made anew where that fails."""
+"""Programs that stay compiled between processes: loaded instead of traced, and compiled anew if loading fails."""
 
 import os
 from contextvars import Context
@@ -16,7 +16,7 @@ X = np.arange(3.0, dtype=np.float32)
 
 @pytest.fixture
 def folder(tmp_path):
-    """The folder of JAX's cache for a while."""
+    """Replace the folder of JAX's cache temporarily."""
     before = jax.config.jax_compilation_cache_dir
     jax.config.update("jax_compilation_cache_dir", str(tmp_path))
     yield tmp_path
@@ -63,7 +63,7 @@ def _sparse(path):
 
 
 def _swapped(path):
-    """It has the program that doubles five numbers."""
+    """Replace the file by the one of the program that doubles five numbers."""
     path.write_bytes(next(other for other in path.parent.iterdir() if other != path).read_bytes())
 
 

@@ -1,4 +1,4 @@
-"""Many tasks in one call: results in order, errors by log, here or by executors, and what is said of lost workers."""
+"""Many tasks in one call: results in order, errors by log, here or by executors, and reports of lost workers."""
 
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
@@ -9,7 +9,7 @@ from ftbias_jax.runtime.many import do_all, do_each, results_of
 
 
 class Lost(Executor):
-    """Loses every worker."""
+    """An executor that loses every worker."""
 
     def submit(self, fn, /, *args, **kwargs):
         future = Future()

@@ -1,4 +1,4 @@
-"""What a long task shows, on a terminal and in a file."""
+"""What is shown of a long task, on a terminal and in a file."""
 
 import io
 import time
@@ -16,14 +16,14 @@ class Terminal(io.StringIO):
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Seconds that pass only when a test says so."""
+    """A clock in seconds that advances only when a test sets it."""
     now = [0.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
     return now
 
 
 def shown(stream, clock, seconds, total=10):
-    """What is shown if each of ``total`` steps takes so long."""
+    """What is shown if each of ``total`` steps takes ``seconds``."""
     report = Progress("filtering", total, stream)
     for done in range(1, total + 1):
         clock[0] += seconds
@@ -65,7 +65,7 @@ def test_it_writes_to_standard_error_and_survives_an_empty_task(clock, capsys):
 
 @pytest.fixture
 def fast(monkeypatch):
-    """Nothing is shown for a hundredth of the usual time."""
+    """Shorten the silent interval to a hundredth."""
     monkeypatch.setattr(progress, "QUIET", 0.02)
     monkeypatch.setattr(progress, "OFTEN", 0.002)
 

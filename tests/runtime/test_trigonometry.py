@@ -1,4 +1,4 @@
-"""Sine and versine by polynomials against the C library."""
+"""Sine and versine by polynomials, against the C library."""
 
 import jax
 import jax.numpy as jnp

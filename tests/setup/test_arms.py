@@ -1,4 +1,4 @@
-"""The arms of arms.toml against forward kinematics that knows other parameters: the manufacturers' tables."""
+"""The arms of arms.toml against forward kinematics from independent parameters: the manufacturers' tables."""
 
 import tempfile
 from pathlib import Path
@@ -12,8 +12,8 @@ from ftbias_jax.setup.urdf import load_urdf, urdf_robot
 
 HALF = np.pi / 2
 
-# (alpha, a, d, offset of theta) of each joint, as the manufacturer prints them: standard Denavit-Hartenberg, where the
-# row's own twist comes last, or modified (Craig), where it comes first.
+# (alpha, a, d, offset of theta) of each joint, as the manufacturer prints them: standard Denavit-Hartenberg, where
+# alpha and a of a row come last, or modified (Craig), where they come first.
 UR_TWIST = (HALF, 0, 0, HALF, -HALF, 0)
 
 
@@ -27,7 +27,7 @@ def kuka(base, upper):
     return [(twist, 0, d, 0) for twist, d in zip(twists, (base, 0, upper, 0, 0.4, 0, 0.126), strict=True)]
 
 
-SHIN = np.arctan(284.5 / 53.5)  # xArm 6: between its second link and the line of the table
+SHIN = np.arctan(284.5 / 53.5)  # xArm 6: angle between its second link and the line of the table
 STANDARD = {
     "ur3": ur(0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819),
     "ur5": ur(0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823),
@@ -59,7 +59,7 @@ STANDARD = {
         (0, 0, 0.097, 0),
     ],
     "gen3": [
-        (np.pi, 0, 0, None),  # the base, which does not turn
+        (np.pi, 0, 0, None),  # the fixed base
         (HALF, 0, -(0.15643 + 0.12838), 0),
         (HALF, 0, -(0.005375 + 0.006375), np.pi),
         (HALF, 0, -(0.21038 + 0.21038), np.pi),
@@ -94,7 +94,7 @@ MODIFIED = {
 
 
 def turn(axis, angle):
-    """(4, 4) about a coordinate axis."""
+    """(4, 4) rotation about a coordinate axis."""
     i, j = [(1, 2), (2, 0), (0, 1)][axis]
     matrix = np.eye(4)
     matrix[[i, j], [i, j]] = np.cos(angle)
@@ -172,7 +172,7 @@ NONE = (0, 0, 0)
 JACO = [((0, 0, 0.15675), (0, np.pi, 0), "0 0 1"), ((0, 0.0016, -0.11875), (-HALF, 0, np.pi), "0 0 1")]
 PALM = ((0, 0, -0.16), (np.pi, 0, 0), None)
 CURVED = ((0, -0.03703, -0.06414), (np.pi / 3, 0, np.pi), "0 0 1")
-TOOL0 = (NONE, (0, HALF, 0), None)  # of the ROS-Industrial descriptions: z leaves the flange
+TOOL0 = (NONE, (0, HALF, 0), None)  # of the ROS-Industrial descriptions: z points out of the flange
 
 
 def techman(base, upper, fore, offset):
@@ -246,7 +246,7 @@ URDF = {
     "tm5-700": (techman(0.1452, 0.329, 0.3115, -0.1223), NONE, 1e-9),
     "tm5-900": (techman(0.1452, 0.429, 0.4115, -0.1223), NONE, 1e-9),
     "tm12": (techman(0.1652, 0.6361, 0.5579, -0.1563), NONE, 1e-9),
-    "m0609": (doosan(0.1, 0.0062, 0.411, 0.368), NONE, 2e-3),  # right angles are published as 1.571
+    "m0609": (doosan(0.1, 0.0062, 0.411, 0.368), NONE, 2e-3),  # right angles are published rounded, as 1.571
     "m1013": (doosan(0.1525, 0.0345, 0.62, 0.559), NONE, 2e-3),
     "crx10ia": (
         [
@@ -308,7 +308,7 @@ def written_urdf(rows, tip):
 
 @pytest.mark.parametrize("name", list(URDF))
 def test_arms_stand_where_pinocchio_puts_a_published_urdf(name):
-    """And so does an arm that is read from the same URDF."""
+    """The same holds for an arm that is read from that URDF."""
     rows, tip, tolerance = URDF[name]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "arm.urdf")
@@ -325,7 +325,7 @@ def test_arms_stand_where_pinocchio_puts_a_published_urdf(name):
 
 
 COMPARED_ONCE = {"jaco2_spherical", "jaco2_7dof"}
-"""With the robot models of example-robot-data and of robosuite, which are too large to be installed for tests."""
+"""The robot models of example-robot-data and of robosuite are too large to be installed for tests."""
 
 
 def test_every_arm_has_been_compared():

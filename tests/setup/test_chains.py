@@ -110,7 +110,7 @@ def test_a_table_that_is_none_is_told_by_field_and_remedy(changed, field, words)
 
 
 def test_a_calibrated_table_whose_huge_lengths_cancel_is_an_arm():
-    """Nearly parallel axes are met by offsets of 100 m and back, as calibrations of such arms have them."""
+    """Nearly parallel axes meet after offsets of 100 m and back, as in calibrations of such arms."""
     there, back = [-425, 0, 1e5, 0], [-392.25, 0, -1e5, 0]
     same_arm(parse(ur5(dh=[UR5[0], there, back, *UR5[3:]])), built_in_robot("ur5"))
 

@@ -1,4 +1,4 @@
-"""Exports against arithmetic that is not the package's: bodies as point masses, and what each reader does with them."""
+"""Exports against independent arithmetic: bodies as point masses, and the interpretation of each reader."""
 
 import hashlib
 import json
@@ -48,7 +48,7 @@ def turned(angles):
 
 
 def masses_of(tool):
-    """Point masses (6,) and places (6, 3) m in the sensor frame with this mass, centre and inertia."""
+    """Point masses (6,) at places (6, 3) m in the sensor frame that have this mass, centre and inertia."""
     xx, xy, xz, yy, yz, zz = tool["inertia"]
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     second = np.trace(inertia) / 2 * np.eye(3) - inertia  # integral of r r'
@@ -58,7 +58,7 @@ def masses_of(tool):
 
 
 def moments(masses, places):
-    """Mass, centre of mass, and inertia about it, summed over points."""
+    """Mass, centre of mass, and inertia about it, by sums over points."""
     center = masses @ places / masses.sum()
     inertia = np.zeros((3, 3))
     for mass, (x, y, z) in zip(masses, places - center, strict=True):
@@ -78,7 +78,7 @@ def at_flange(more=()):
 
 
 def ur_numbers(text):
-    """Mass, centre and inertia (3, 3) as the controller takes them."""
+    """Mass, centre and inertia (3, 3) as the controller interprets them."""
     (call,) = re.findall(r"^set_target_payload\((.*)\)$", text, re.MULTILINE)
     mass, cog, (xx, yy, zz, xy, xz, yz) = json.loads(f"[{call}]")
     return mass, np.array(cog), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -105,7 +105,7 @@ def test_the_load_of_franka_has_the_inertia_column_by_column():
 
 @pytest.mark.parametrize("model", ["panda", "fr3"])
 def test_the_frame_beyond_the_flange_is_taken_back_to_the_flange(model):
-    """107 mm along z; the two frames are turned alike, or by what the built-in robots say."""
+    """The frames differ by 107 mm along z; they are turned alike, or as the built-in robots state."""
     own = json.loads(export_text(setup_with(robot={"model": model}), "franka"))["setLoad"]
     its = json.loads(export_text(setup_with(robot={"model": f"{model}_link8"}), "franka"))["setLoad"]
     moved = np.subtract(own["F_x_Cload"], its["F_x_Cload"])
@@ -115,7 +115,7 @@ def test_the_frame_beyond_the_flange_is_taken_back_to_the_flange(model):
 
 
 def reading(setup, rotation):
-    """(6,) what the sensor reports at rest: reading = weight - bias for the wrench on the tool, by hand."""
+    """(6,) reading at rest: weight - bias for the wrench on the tool, by hand."""
     up = rotation.T @ -setup.robot.gravity  # of the base, in the sensor frame
     force = setup.tool.mass * up
     on_tool = np.concatenate([force, np.cross(setup.tool.center_of_mass, force)]) - setup.bias.initial
@@ -123,15 +123,15 @@ def reading(setup, rotation):
 
 
 def loaded(text):
-    """By the rules of YAML 1.1, which PyYAML and so ROS have: a number with an exponent but no point is a word."""
+    """Loaded by the rules of YAML 1.1, as by PyYAML and ROS: a number with an exponent but no point is a string."""
     yaml = pytest.importorskip("ruamel.yaml").YAML(typ="safe", pure=True)
     yaml.version = (1, 1)
-    return yaml.load(text.replace(" y:", ' "y":'))  # a truth value to YAML 1.1 by the letter, but not to PyYAML
+    return yaml.load(text.replace(" y:", ' "y":'))  # a boolean by the letter of YAML 1.1, but not for PyYAML
 
 
 @pytest.mark.parametrize("reports", ["wrench_on_tool", "wrench_on_sensor"])
 def test_what_ros2_control_publishes_with_it_is_zero_at_rest(reports):
-    """The broadcaster adds its offset; the filter takes off mass * gravity_field and CoG x that, as its source says."""
+    """The broadcaster adds its offset; the filter subtracts mass * gravity_field and CoG x that, as in its source."""
     setup = setup_with(sensor={"reports": reports}, robot={"gravity": [1.0, -2.0, -9.5]})
     parameters = loaded(export_text(setup, "ros"))["force_torque_sensor_broadcaster"]["ros__parameters"]
     step = parameters["sensor_filter_chain"]["filter1"]
@@ -148,7 +148,7 @@ def test_what_ros2_control_publishes_with_it_is_zero_at_rest(reports):
 
 @pytest.mark.parametrize(("reports", "up"), [("wrench_on_tool", 1), ("wrench_on_sensor", -1)])
 def test_what_gravity_compensation_publishes_with_ft_calib_is_zero_at_rest(reports, up):
-    """compensated = reading - bias - mass * imu, with the sign of imu that the file asks for."""
+    """compensated = reading - bias - mass * imu, with the sign of imu that the file requires."""
     setup = setup_with(sensor={"reports": reports})
     text = export_text(setup, "ft_calib", ExportOptions(sensor_frame="wrist"))
     assert ("9.81 m/s^2 up" in text) == (up == 1)
@@ -184,7 +184,7 @@ def test_small_numbers_are_numbers_to_every_reader():
     said = loaded(export_text(small, "ft_calib"))
     np.testing.assert_allclose(said["gripper_com_pose"][:3], [1e-5, -2e-7, 0.06])
     np.testing.assert_allclose(said["bias"], [-1e-5, 0, -3, 0, 0, 4e-8])
-    assert all(isinstance(x, float) for x in said["bias"])  # 3 without a point is an integer, which ROS 2 refuses
+    assert all(isinstance(x, float) for x in said["bias"])  # 3 without a point is an integer, which ROS 2 rejects
     for name in ("ur", "ros"):
         assert not re.search(
             r"\de[-+]?\d", "".join(line.partition("#")[0] for line in export_text(small, name).splitlines())

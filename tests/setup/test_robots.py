@@ -76,7 +76,7 @@ def test_unknown_robot():
 def test_screws_are_the_velocity_at_the_origin_and_the_turn():
     axis, point = np.array([0.6, 0.0, 0.8]), np.array([0.1, -0.2, 0.3])
     screw = revolute_screw(axis, point)
-    np.testing.assert_allclose(screw[:3] + np.cross(screw[3:], point), 0, atol=1e-16)  # the axis itself rests
+    np.testing.assert_allclose(screw[:3] + np.cross(screw[3:], point), 0, atol=1e-16)  # the axis itself does not move
     np.testing.assert_array_equal(screw[3:], axis)
     np.testing.assert_array_equal(prismatic_screw(axis), [0.6, 0, 0.8, 0, 0, 0])
 

@@ -1,4 +1,4 @@
-"""A setup that is read, changed and saved keeps its text but for the lines of what changed."""
+"""A setup that is read, changed and saved keeps its text except for the lines that changed."""
 
 import difflib
 import os
@@ -53,7 +53,7 @@ def file(tmp_path):
 
 
 def changed_lines(before, after):
-    """Lines that went and lines that came."""
+    """Removed lines and added lines."""
     lines = list(difflib.ndiff(before.splitlines(), after.splitlines()))
     return [x[2:] for x in lines if x.startswith("- ")], [x[2:] for x in lines if x.startswith("+ ")]
 

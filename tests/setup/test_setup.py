@@ -35,7 +35,7 @@ def screw_robot():
 
 
 def with_value(path, value):
-    """The minimal setup with one value put at a dotted path."""
+    """The minimal setup with one value set at a dotted path."""
     tables = copy.deepcopy(minimal())
     *sections, key = path.split(".")
     table = tables
@@ -50,7 +50,7 @@ def fails(tables, *words):
 
 
 def assert_equal(a, b):
-    """Two setups say the same: text and plain numbers exactly, screws and rotations to round-off."""
+    """Check that two setups are equal: text and plain numbers exactly, screws and rotations to round-off."""
     for part in dataclasses.fields(Setup):
         left, right = getattr(a, part.name), getattr(b, part.name)
         if not dataclasses.is_dataclass(left):
@@ -335,7 +335,7 @@ def setups(draw):
 
 @st.composite
 def inertias(draw):
-    x, y, z = draw(vectors(3, st.floats(0, 1)))  # second moments of mass: any of them make a body
+    x, y, z = draw(vectors(3, st.floats(0, 1)))  # any second moments of mass make a body
     rotation = rotation_from_rpy(draw(vectors(3, angle)))
     inertia = rotation @ np.diag([y + z, x + z, x + y]) @ rotation.T
     return inertia[np.triu_indices(3)].tolist()

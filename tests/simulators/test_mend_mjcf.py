@@ -48,7 +48,7 @@ def states(n=7, count=10):
 
 
 def expected_of(setup, q, dq, ddq, t=None):
-    """(T, 6) of our own model with the setup's effects."""
+    """(T, 6) prediction of the package's model with the setup's effects."""
     params, zero = params_from_setup(setup), jnp.zeros(len(q))
     model = Model(params.arm, params.gravity, params.theta)
     signals = Signals(zero if t is None else t, jnp.asarray(q), dq, ddq, zero, model)
@@ -142,7 +142,7 @@ DRAG = {"drive": "velocity", "form": "linear", "frame": "base", "acts_as": "forc
 
 
 def slow_motion(n=7):
-    """t, and (T, n, 3) states that begin at rest."""
+    """t, and (T, n, 3) joint states that begin at rest."""
     t = np.arange(2000) * 0.005
     size, phase = 0.5 + 0.1 * np.arange(n), 0.3 * np.arange(n)
     ramp, speed = 1 - np.exp(-(t**2) / 4), 0.6

@@ -40,7 +40,7 @@ def setup_of(path, effects=None, **tool):
 
 
 def predicted(setup):
-    """(T, 6) N, Nm: what the model reads at the same recorded states."""
+    """(T, 6) N, Nm: prediction of the model at the same recorded states."""
     q, dq, ddq = jnp.asarray(np.random.default_rng(0).uniform(-1.5, 1.5, (3, 10, 3)))
     params, t = params_from_setup(setup), jnp.zeros(10)
     signals = Signals(t, q, dq, ddq, t, Model(params.arm, params.gravity, params.theta))

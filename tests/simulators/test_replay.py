@@ -30,7 +30,7 @@ def cell(tmp_path_factory):
 
 
 def scene_with(cell, name, **effects):
-    """A scene with effects in it."""
+    """The scene with effects added to it."""
     folder, setup, _ = cell
     scene = load_mjcf(folder / "scene.xml")
     (text,) = mend_mjcf(replace(setup, effects=effects), scene, str(folder / name)).files.values()
@@ -53,7 +53,7 @@ def test_a_replay_is_what_the_sensors_of_mujoco_read(cell):
 
 
 def test_what_hangs_on_springs_begins_at_rest_and_swings_as_in_a_forward_simulation(tmp_path):
-    """The arm accelerates upwards by g until the log begins, and stops then: the tool is let go from twice its sag."""
+    """The arm accelerates upwards by g until the log begins, and then stops: the tool starts from twice its sag."""
     text = """<mujoco><option timestep="0.0005"/><worldbody><body name="arm"><joint name="arm" type="slide"/>
       <geom size="0.1"/><body name="mount" pos="0.3 0 0"><site name="s"/><geom size="0.02" mass="0.2"/>
       <body name="tool"><joint axis="0 1 0" stiffness="40" damping="0.02"/><geom size="0.03" pos="0.1 0 0" mass="0.5"/>

@@ -28,7 +28,7 @@ def cause(effect, parameters, stderr, twins=(), behind=None):
 
 
 def made(behind=0.01):
-    """Mass and cutoff with correlated errors, a delay near its bound, a number without error; a twin of the mass."""
+    """A mass and a cutoff with correlated errors, a delay near a bound, a number without error; a twin of the mass."""
     causes = (
         cause("tool_mass", {"mass": 0.8}, {"mass": 0.01}, twins=("gain",)),
         cause("low_pass", {"cutoff": 9.0}, {"cutoff": 0.5}),
@@ -86,7 +86,7 @@ def test_what_is_left_of_the_gap_is_correlated_noise_of_every_sample(tmp_path):
     sensor = with_rest(setup, content).sensor
     np.testing.assert_allclose(sensor.correlated_std, [0.12, 0, 0, 0, 0, 0], atol=1e-12)
     np.testing.assert_allclose(sensor.correlated_time, 1 / (2 * np.pi * 0.2))
-    # A term is no part of a sample: its share of the gap is left, too.
+    # A sample contains no terms: their share of the gap remains, too.
     term = with_rest(setup, content | {"terms": [{"drive": "velocity", "shrink": 0.9}]}).sensor
     assert term.correlated_std[0] == pytest.approx(np.sqrt(0.12**2 + 0.9 * (0.5**2 - 0.05**2)))
     own = with_rest(replace(setup, sensor=sensor), content).sensor

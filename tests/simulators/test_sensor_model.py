@@ -40,7 +40,7 @@ def model_of(effects, sensor=NOISE, bias=BIASES):
 
 
 def quiet(model):
-    """The model without noise and bias process."""
+    """The model without noise and without bias process."""
     nothing = {name: 0 * getattr(model, name) for name in ("noise_std", "density", "initial", "initial_std")}
     return model._replace(**nothing, correlated_std=None, correlated_time=None)
 
@@ -48,7 +48,7 @@ def quiet(model):
 @pytest.fixture(scope="module")
 def series():
     rng = np.random.default_rng(0)
-    t = np.concatenate([[0.0], np.cumsum(rng.uniform(0.001, 0.004, 999))])  # no constant rate
+    t = np.concatenate([[0.0], np.cumsum(rng.uniform(0.001, 0.004, 999))])  # not a constant rate
     phase = rng.uniform(0, 6, (6,))
     wrench = np.array([9.0] * 3 + [0.5] * 3) * np.sin(np.outer(t, np.arange(3, 9)) + phase)
     dq = np.cos(np.outer(t, np.arange(1, 8)))
@@ -56,7 +56,7 @@ def series():
 
 
 def run(model, series, seed=0, xp=np, environments=1):
-    """(T, N, 6) readings of a loop over the samples."""
+    """(T, N, 6) readings by a loop over the samples."""
     t, wrench, dq, temperature = (xp.asarray(x) for x in series)
     rng = np.random.default_rng(seed)
 

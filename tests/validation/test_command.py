@@ -58,7 +58,7 @@ def test_what_make_cannot_do_is_refused_before_anything_is_written(tmp_path, cap
 
 
 def test_a_set_of_logs_that_is_interrupted_has_no_half_log(tmp_path, monkeypatch):
-    """Whatever has a log's name is whole: what is not finished never has it."""
+    """A file with a log's name is complete: an unfinished one never has that name."""
 
     def interrupted(file, **columns):
         file.write(b"half a log")

@@ -1,4 +1,4 @@
-"""Made-up diagnoses of withheld kinds against their labels, and the tables that come of them."""
+"""Made-up diagnoses of withheld kinds against their labels, and the resulting tables."""
 
 import json
 
@@ -18,7 +18,7 @@ def term(drive, *equivalent, **values):
 
 @pytest.fixture
 def hose(make_label):
-    """The label of a hose with a gap of so many noise sigmas."""
+    """The label of a hose with a gap of ``sigmas`` noise standard deviations."""
 
     def make(gap_sigmas=2.0, **changes):
         twins, numbers = ("joint_velocity",), {"N_per_m_s": 5.0}
@@ -35,7 +35,7 @@ def hose(make_label):
         ([term("joint_velocity")], False, True, True, False),
         ([term("load", "velocity")], False, False, True, False),
         ([term("load", "a", "b", "joint_velocity")], False, False, True, False),
-        ([term("load", "a", "b", "c", "velocity")], False, False, False, False),  # more than three say nothing
+        ([term("load", "a", "b", "c", "velocity")], False, False, False, False),  # more than three are no answer
         ([term("load"), term("velocity")], False, False, False, True),
         ([], False, False, False, False),
         (None, False, False, False, False),  # schema 1
@@ -80,7 +80,7 @@ def test_a_label_of_a_listed_effect_is_not_judged(make_label, make_said):
 
 @pytest.fixture
 def scored(hose, make_said):
-    """Five logs: right, equivalent, misnamed, faint, and noise that has no mean gap."""
+    """Five logs: right, equivalent, misnamed, faint, and noise without a mean gap."""
     good = term("velocity", coefficients={"N_per_m_s": 5.1}, stderr={"N_per_m_s": 0.1})
     bridge = {"kind": "rough_bridge", "form": "force", "drive": "noise", "oracle_shrink": None, "coefficients": {}}
     return {
@@ -149,7 +149,7 @@ def withheld_set(make_set, name="hose"):
 
 
 class Mended(dict):
-    """A diagnosis as its JSON that can be applied."""
+    """A diagnosis in its JSON form that can be applied."""
 
     def apply(self, setup):
         return f"mended {setup}"

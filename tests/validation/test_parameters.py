@@ -9,7 +9,7 @@ def cause(effect, parameters, stderr):
 
 
 def test_three_standard_errors_are_the_limit(make_label, make_said):
-    """Each number of a vector is judged; whole vectors are inside if all numbers are."""
+    """Each number of a vector is judged; a vector is inside if all its numbers are."""
     mine = make_label({"gain": {"gain": [1.0, 1.1, 1.0, 1.0, 1.0, 1.0]}})
     fitted = cause("gain", {"gain": [1.0, 1.13, 1.0, 1.0, 1.0, 1.031]}, {"gain": [0.0101] * 6})
     (found,) = compare(mine, make_said("explained", fitted))
@@ -42,7 +42,7 @@ def test_the_offset_of_another_joint_is_a_miss(make_label, make_said, joint, ins
 
 
 def test_contacts_are_matched_by_the_time_they_share(make_label, make_said):
-    """Fitted in another order; one event is not found, one was none."""
+    """Events are fitted in another order; one is not found, and one did not exist."""
     events = [[1.0, 1.0, [1.0, 0, 0], [0, 0, 0], "decay"], [5.0, 1.0, [0, 2.0, 0], [0, 0, 0], "decay"]]
     events.append([9.0, 0.5, [0, 0, 3.0], [0, 0, 0], "decay"])
     fitted = {

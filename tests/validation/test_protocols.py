@@ -1,4 +1,4 @@
-"""Both protocols on made-up diagnoses: what a diagnosis is told, what is kept, what the tables say."""
+"""Both protocols on made-up diagnoses: the inputs of a diagnosis, what is kept, and the tables."""
 
 import json
 
@@ -26,7 +26,7 @@ ANSWERS = {
 
 @pytest.fixture
 def asked(monkeypatch, make_said):
-    """What the diagnosis was told, log by log; it answers from ANSWERS and breaks on a log that is not there."""
+    """Inputs of the diagnosis for each log; it answers from ANSWERS and fails on a log that is not there."""
     calls = []
 
     def diagnose(setup, logs, names, without=()):
@@ -114,7 +114,7 @@ def test_a_log_that_breaks_the_diagnosis_is_told_and_counts_as_wrong(make_set, a
 
 
 def test_several_processes_report_to_one(make_set):
-    """Their setups are empty, which no stand-in hides from a process of its own."""
+    """Their setups are empty, and separate processes use no stand-in that would hide this."""
     folder = make_set({"log_000": {}, "log_001": {}, "log_002": {}})
     score = run(protocols.withheld, folder, jobs=2)
     assert sorted(score.troubles) == ["log_000", "log_001", "log_002"]

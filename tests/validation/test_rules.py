@@ -95,5 +95,5 @@ def test_what_becomes_of_a_log_whose_effect_is_left_out(make_said, verdict, caus
 
 
 def test_an_effect_that_declares_the_other_as_its_twin_is_a_twin_too(make_said):
-    """Crosstalk declares tool_com; tool_com does not declare crosstalk."""
+    """Crosstalk declares tool_com as a twin; tool_com does not declare crosstalk."""
     assert left_out("tool_com", make_said("explained", "crosstalk")) == "twin"

@@ -1,4 +1,4 @@
-"""What is found in one log, applied to another."""
+"""What is found in one log is applied to another."""
 
 from dataclasses import replace
 from functools import partial

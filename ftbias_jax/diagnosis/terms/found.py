@@ -14,7 +14,7 @@ from ftbias_jax.diagnosis.terms.grid import free_names
 from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS, intervals_in_words, resembles
 from ftbias_jax.diagnosis.terms.select import is_gain_too
 from ftbias_jax.model.effects.statements import value_words
-from ftbias_jax.model.effects.terms.columns import added, at_point, count_columns, has_point
+from ftbias_jax.model.effects.terms.columns import added, at_point, columns, count_columns, has_point
 from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.parse import section_of
 from ftbias_jax.model.effects.terms.types import State, Term
@@ -35,13 +35,14 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
     if not description.steps:
         return ()
     described = description.steps[-1].described
-    spread = np.sqrt(np.maximum(np.diag(covariance(problem, described.fit)), 0))
+    spread = covariance(problem, described.fit)
+    every_stderr = np.sqrt(np.maximum(np.diag(spread), 0))
     row, total = len(description.kept.columns.moving), max(gap.before_sigmas**2 - 1, 1e-12)
     found = []
     details = zip(description.steps, described.terms, described.scales, described.local_stderr, strict=True)
     for step, term, scales, local in details:
-        stderr = scales * spread[row : row + len(scales)]
-        row += len(scales)
+        numbers, row = slice(row, row + len(scales)), row + len(scales)
+        stderr = scales * every_stderr[numbers]
         names = [name for name in free_names(term) if name not in local]
         late: dict[str, Numbers] = {name: np.squeeze(errors).tolist() for name, errors in local.items()}
         at: dict[str, Numbers] = {"point": stderr[-3:].tolist()} if has_point(term) else {}
@@ -64,10 +65,27 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
             equivalent_to=rivals,
             separate_by=tuple(DRIVE_WORDS[drive].separate_by for drive in rivals),
             shrink=share,
+            reading_stderr=_stderr_of_reading(
+                term, description.search.state, spread[numbers, numbers], scales
+            ).tolist(),
             curve=_curve(problem, description.search.state, described.fit, term),
         )
         found.append(one)
     return tuple(found)
+
+
+def _stderr_of_reading(term: Term, state: State, spread: np.ndarray, scales: np.ndarray) -> np.ndarray:
+    """(6,) N, Nm, rms over the logs, due to the coefficients, whose scaled covariance comes first, and to the form.
+
+    A part of a term that is constant over the log is indistinguishable from the bias, which is as uncertain.
+    """
+    made = np.asarray(columns(np, term, state))
+    count = made.shape[1]
+    made = made * scales[:count, None]
+    variance = np.einsum("uic,ij,ujc->uc", made, spread[:count, :count], made, optimize=True)
+    form = FORM_ERROR * np.asarray(added(np, term, state))
+    stderr: np.ndarray = np.sqrt((np.maximum(variance, 0) + form**2).mean(0))
+    return stderr
 
 
 def found_term(term: Term, errors: np.ndarray, text: str, statement: str, gain: tuple[float, float]) -> FoundTerm:

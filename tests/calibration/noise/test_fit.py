@@ -1,4 +1,4 @@
-"""Sigma_D from logs of one tool and of three: what is determined is found, what is not is named."""
+"""Sigma_D from logs of one tool and of three: determined values are found, undetermined ones are named."""
 
 import jax
 import jax.numpy as jnp
@@ -49,7 +49,7 @@ def tools(params):
 
 @pytest.fixture(scope="module")
 def parts(tools):
-    """A log of each tool, its joints known exactly: the reading is minus the bias, with all noise."""
+    """A log of each tool with exactly known joints: the reading is minus the bias plus all noise."""
     nothing, dt = np.zeros((COUNT, 6)), np.r_[0.0, np.full(COUNT - 1, DT)]
     logs = []
     for seed, tool in enumerate(tools):
@@ -69,7 +69,7 @@ def from_three(tools, parts):
 
 
 def test_three_tools_tell_the_sensor_from_the_motion(tools, from_three):
-    """What is determined is within four standard errors of the truth; the rest is named."""
+    """Determined values are within four standard errors of the truth; the others are named."""
     fitted, fit = from_three
     assert fit.optimum.converged
     true = TRUTH | {"density": tools[0].bias.density, "wrench_std": np.sqrt(tools[0].bias.wrench_variance)}
@@ -93,7 +93,7 @@ def test_three_tools_tell_the_sensor_from_the_motion(tools, from_three):
 
 
 def test_one_tool_determines_six_sums_and_says_which(tools, parts):
-    """They are the variances that a fit of the sensor's noise alone finds (errata 11)."""
+    """The sums equal the variances that a fit of the sensor's noise alone finds (errata 11)."""
     (fitted,), fit = data_noise.fit_data(tools[1:2], parts[1:2], KINDS["one"] | {"wrench_std": "each"})
     alone, _ = tune.fit_wrench(tools[1], parts[1:2], {"wrench_std": "each"})
     np.testing.assert_allclose(variance_of(fitted), alone.bias.wrench_variance, rtol=1e-3)
@@ -101,7 +101,7 @@ def test_one_tool_determines_six_sums_and_says_which(tools, parts):
     assert np.isinf(fit.relative_stderr["wrench_std"]).all()
     together = {words.split(" only together with ")[0] for words in fit.undetermined}
     assert {"data_noise.linear_acceleration", "data_noise.angular_acceleration"} <= together
-    assert len(fit.undetermined) >= 3  # ten numbers less six sums; those that are zero share a phrase
+    assert len(fit.undetermined) >= 3  # ten numbers minus six sums; those that are zero share a phrase
     assert "sensor.noise_std[fx]" in " ".join(fit.undetermined)
     assert len(fit.determined) == 6
     words = "fx: sensor.noise_std[fx]^2 + 1.44 linear_acceleration^2 + 0.00533 angular_acceleration^2"
@@ -109,7 +109,7 @@ def test_one_tool_determines_six_sums_and_says_which(tools, parts):
 
 
 def test_more_numbers_fit_no_worse(tools, parts, from_three):
-    """Three axes, led by one number for all: nested models, and no local optimum in between."""
+    """One number for all, then three axes started from it: nested models, with no local optimum in between."""
     (first, *_), fit = data_noise.fit_data(tools, parts, KINDS["three"] | SENSOR)
     assert fit.optimum.value > from_three[1].optimum.value
     assert len(set(fit.values["angular_acceleration"])) == 3
@@ -119,7 +119,7 @@ def test_more_numbers_fit_no_worse(tools, parts, from_three):
 
 
 def test_the_gradient_is_that_of_differences(tools, parts):
-    """Through the hand-written reverse pass, entry by entry."""
+    """The gradient goes through the hand-written reverse pass and is compared entry by entry."""
     score = WrenchScore((("entries", tuple(range(36))),))
     rng = np.random.default_rng(0)
     logs, direction = jnp.asarray(rng.normal(size=36)), jnp.asarray(rng.normal(size=36))

@@ -1,4 +1,4 @@
-"""Noise as free numbers: logarithms by name, and back."""
+"""Noise as unconstrained numbers: logarithms by name, and back."""
 
 import jax
 import jax.numpy as jnp

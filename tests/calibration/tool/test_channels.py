@@ -1,4 +1,4 @@
-"""Gains and leaks found again in made-up readings with slow errors, and not found where there are none."""
+"""Gains and crosstalk recovered from synthetic readings with slow errors, and not found where there are none."""
 
 import numpy as np
 import pytest
@@ -12,14 +12,14 @@ TRUTH = np.eye(6) + 0.04 * UNITS * np.random.default_rng(7).normal(size=(6, 6))
 
 
 def loads():
-    """(T, 6) N, Nm of 1.2 kg at 0.1 m that turns through all directions."""
+    """(T, 6) N, Nm: wrench of 1.2 kg at 0.1 m that turns through all directions."""
     a, b = 0.31 * T, 0.23 * T
     down = 9.81 * np.stack([np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)], 1)
     return np.concatenate([1.2 * down, np.cross([0.01, -0.02, 0.1], 1.2 * down)], 1)
 
 
 def slow_errors(seed, std=0.1, time=2.0):
-    """(T, 6) first-order Gauss-Markov, tenths in the torques, beside white noise."""
+    """(T, 6) first-order Gauss-Markov noise, a tenth as large in the torques, plus white noise."""
     rng = np.random.default_rng(seed)
     kept = np.exp(-1 / RATE / time)
     x = np.zeros((len(T), 6))

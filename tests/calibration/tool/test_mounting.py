@@ -1,4 +1,4 @@
-"""Quarter and half turns of a sensor, told from one another by the weight it reads."""
+"""Quarter and half turns of a sensor, distinguished by the weight it reads."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tools that can exist: coordinates that keep one parameter each, and quadratic costs over them."""
+"""Physically possible tools: coordinates that leave single parameters unchanged, and quadratic costs over them."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,7 +18,7 @@ def sheet(x):
 
 
 def test_coordinates_are_of_the_data_sheet_and_those_of_the_inertia_leave_the_weight_alone():
-    """A point mass gets a volume."""
+    """A point mass is given a volume."""
     np.testing.assert_allclose(sheet(X), SHEET, rtol=1e-9)
     moved = X.copy()
     moved[physical.OF_INERTIA] += 0.1
@@ -37,7 +37,7 @@ def test_each_of_these_coordinates_is_one_parameter_alone(name):
     assert changed[row]
     others = np.delete(changed[:4], row)
     assert not others.any()
-    assert not changed[4:].any() or name == "mass"  # the inertia for each kg stays
+    assert not changed[4:].any() or name == "mass"  # the inertia per kg stays
 
 
 def test_costs_add_up_and_scale():

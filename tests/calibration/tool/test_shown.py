@@ -1,4 +1,4 @@
-"""What a log shows of a tool: scatter between blocks, inertia judged on blocks left out, parameters that are kept."""
+"""What a log determines of a tool: scatter between blocks, held-out judgement of the inertia, retained parameters."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,7 +17,7 @@ PRIOR = Prior(X, np.r_[physical.PRIOR_STD, np.full(6, physical.FIXED)])
 
 
 def linear_of(sheet, seen, hold=1, seed=0):
-    """A log of a tool in which each parameter has this signal to noise ratio a sample; errors last ``hold`` samples."""
+    """A log with this signal-to-noise ratio per sample of each parameter; errors last ``hold`` samples."""
     rng = np.random.default_rng(seed)
     columns = np.zeros((16, COUNT, 6))
     columns[:10] = (
@@ -78,7 +78,7 @@ def test_what_does_not_show_stays_and_the_rest_is_found():
 
 
 def test_the_stated_inertia_is_judged_as_it_would_be_written():
-    larger = STATED * np.r_[1.5, 1, 1, 1, np.full(6, 1.5)]  # for each kg it is as stated, and that is not written
+    larger = STATED * np.r_[1.5, 1, 1, 1, np.full(6, 1.5)]  # the inertia per kg is as stated, and is not written
     found = judged(larger, np.full(10, 0.3))
     assert found.inertia
     assert found.gain[0] > 20

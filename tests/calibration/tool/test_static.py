@@ -1,4 +1,4 @@
-"""Mass and centre of mass from readings at rest, with a bias that stands still and one that walks."""
+"""Mass and centre of mass from readings at rest, with a constant bias and with one that walks."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def estimate(axes, wrench, prior_std=FREE, drifts=True):
 
 
 def errors(found):
-    """Of mass, first moment and bias, and what is claimed of them."""
+    """Errors of mass and first moment, and their stated standard errors."""
     miss = np.r_[found.mass - MASS, found.first_moment - MASS * CENTER]
     return miss, np.sqrt(np.diag(found.covariance)[:4])
 
@@ -53,13 +53,13 @@ def test_a_constant_bias_is_plain_least_squares():
 @pytest.mark.parametrize("step", [0.0, 3.0], ids=["constant", "walking"])
 def test_the_error_of_a_pose_left_out_is_that_of_a_fit_without_it(step):
     axes, wrench, _ = poses(step=step)
-    found, left = estimate(axes, wrench), 23  # the last: without it the walk ends one pose earlier
+    found, left = estimate(axes, wrench), 23  # the last pose: without it the walk ends one pose earlier
     design, _ = static._linear(
         static.Problem(axes, wrench, np.arange(24.0), FREE),
         static._Point(found.mass, found.first_moment, np.eye(3), np.eye(3), np.zeros(6)),
         GRAVITY,
     )
-    # Naive: the joint normal distribution of all readings, with wide priors of the unknowns.
+    # Naive reference: the joint normal distribution of all readings, with wide priors of the unknowns.
     walk = np.minimum(*np.meshgrid(np.arange(24.0), np.arange(24.0)))
     wide = np.diag(np.r_[[1e2] * 4, [1e-18] * 6, [1e4] * 6])
     rows = np.concatenate(design)
@@ -71,7 +71,7 @@ def test_the_error_of_a_pose_left_out_is_that_of_a_fit_without_it(step):
 
 
 def test_a_bias_that_walks_is_seen_and_helps():
-    """Over many sets: the walk is found, errors are smaller than those of plain least squares, and error bars hold."""
+    """Over many sets the walk is detected, errors are smaller than those of least squares, and error bars hold."""
     z, ours, plain, last = [], [], [], []
     for seed in range(20):
         axes, wrench, bias = poses(seed=seed, step=3.0)
@@ -115,7 +115,7 @@ def test_gains_that_differ_between_axes_are_in_the_error_of_the_mass():
         found = estimate(axes, wrench)
         z.append((errors(found)[0] / errors(found)[1])[0])
     assert np.mean(np.array(enlarged) > 1) < 0.15
-    assert np.mean(np.abs(z) < 3) > 0.85  # by two degrees of freedom
+    assert np.mean(np.abs(z) < 3) > 0.85  # the enlargement has two degrees of freedom
 
 
 def test_turns_of_the_sensor_and_of_gravity_are_found_with_the_tool():

@@ -1,4 +1,4 @@
-"""Which bias ``identify --bias`` writes: a constant one, or that at the end of a log that drifts."""
+"""The bias that ``identify --bias`` writes: a constant one, or that at the end of a log that drifts."""
 
 from types import SimpleNamespace
 
@@ -22,7 +22,7 @@ def log_of(seconds):
 
 @pytest.fixture
 def filtered(monkeypatch):
-    """Results of a filter that are made up, and the setups that asked for them."""
+    """Made-up results of a filter, and the setups with which they were requested."""
     asked = []
 
     def results(gain, error_of_drift=0.5, error_of_constant=1.0):
@@ -84,9 +84,9 @@ def test_logs_after_a_constant_bias_begin_with_the_drift_that_its_noise_makes_in
 
 
 def test_an_unknown_tool_widens_the_bias_by_what_its_wrench_varies():
-    """The naive reference: tools drawn at random, and the wrench of each less its mean over poses."""
+    """Naive reference: tools drawn at random, and the wrench of each minus its mean over poses."""
     rng = np.random.default_rng(0)
-    down = 9.81 * rng.normal(size=(4000, 3)) / np.sqrt(3)  # in no direction more than in others
+    down = 9.81 * rng.normal(size=(4000, 3)) / np.sqrt(3)  # isotropic
     mass, center, stderr = 2.0, np.array([0.01, -0.02, 0.05]), np.array([0.02, 1e-3, 2e-3, 4e-3])
 
     def wrench(mass, center):

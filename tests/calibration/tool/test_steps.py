@@ -8,7 +8,7 @@ STD = np.repeat([0.1, 0.004], 3)
 
 
 def readings(rate=250.0, seconds=40.0, seed=0):
-    """What is left of a tool that is a little wrong: noise, and a slow wave."""
+    """The residual of a tool that is slightly wrong: noise and a slow wave."""
     t = np.arange(round(rate * seconds)) / rate
     noise = STD * np.random.default_rng(seed).normal(size=(len(t), 6))
     return t, noise + 5 * STD * np.sin(1.5 * t)[:, None]
@@ -30,7 +30,7 @@ def test_knocks_spikes_and_slow_changes_are_no_steps():
     t, left = readings()
     assert find_steps(t, left) == []
     left[3000, 2] += 40.0
-    for at in (1000, 5000):  # a knock rings and fades
+    for at in (1000, 5000):  # a knock rings and decays
         left[at : at + 100, :3] += 30 * np.sin(np.arange(100))[:, None] * np.exp(-np.arange(100) / 20)[:, None]
     left[7000:7010, 0] += 20.0
     left[:, 1] += np.clip(t - 20, 0, 3) * 5

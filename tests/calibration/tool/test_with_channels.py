@@ -1,4 +1,4 @@
-"""Gains and leaks in a setup: beside those it has, readable again, and none where a log shows none."""
+"""Gains and crosstalk in a setup: added to those it has, readable again, and none where a log shows none."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ def found(held_out=(40.0, 8.0)):
 
 
 def read_through(setup, wrench):
-    """Reading (6,) of a wrench (6,): gains first, then leaks, as the catalogue has them."""
+    """Reading (6,) of a wrench (6,): gains first, then crosstalk, as in the catalogue."""
     gain = np.broadcast_to(setup.effects["gain"]["gain"], 6)
     return np.array(setup.effects["crosstalk"]["matrix"]) @ (gain * wrench)
 

@@ -16,7 +16,7 @@ from ftbias_jax.setup import load_setup
 
 @pytest.fixture
 def calls(tmp_path, monkeypatch):
-    """What ``calibrate`` was called with, in a folder with a setup and a log; its answer is made up."""
+    """Arguments of calls of ``calibrate``, which returns a made-up result, in a folder with a setup and a log."""
     (tmp_path / "setup.toml").write_text(still_logs.SETUP)
     wrench = np.ones((still_logs.COUNT, 6))
     still_logs.write_log(tmp_path / "log.npz", wrench)

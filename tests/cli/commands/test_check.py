@@ -14,7 +14,7 @@ from ftbias_jax.setup import dump_setup
 
 @pytest.fixture
 def files(tmp_path):
-    """Writes a log and a setup, with changes to either; gives the beginning of a command's arguments."""
+    """Write a log and a setup, each possibly changed; return the beginning of a command's arguments."""
 
     def write(change=lambda tables, arrays: None):
         tables, arrays = small_checks.right_log(duration=20.0, rate=50.0)
@@ -78,7 +78,7 @@ def test_a_command_that_would_explain_a_mistake_refuses(files, tmp_path, capsys,
     assert main([command, *files(other_sign), *more]) == 1
     printed = capsys.readouterr()
     assert printed.out == ""
-    told = [line for line in printed.err.splitlines() if not line.startswith("diagnosing ")]  # progress, if it is slow
+    told = [line for line in printed.err.splitlines() if not line.startswith("diagnosing ")]  # progress, if slow
     assert len(told) == 1
     assert (
         "setup.toml: sign: the sensor reports the opposite sign, and the model makes the reading worse" in printed.err
@@ -98,7 +98,7 @@ def test_filter_says_so_first_and_exits_with_3_where_it_makes_things_worse(files
 
 
 def test_a_compensated_reading_is_bias_and_contact(files, tmp_path):
-    """What the controller has subtracted is not taken off again; the tool is not looked for in what is left."""
+    """What the controller has subtracted is not subtracted again, and no tool is sought in the remainder."""
 
     def without_tool(tables, arrays):
         noise = np.random.default_rng(0).normal(size=arrays["wrench"].shape)
@@ -142,7 +142,7 @@ def test_a_log_at_rest_is_said_to_show_nothing(files, tmp_path, capsys):
     told = capsys.readouterr().err
     assert "at rest: only bias and noise can be estimated" in told
     _, *setup = files(at_rest)
-    assert main(["check", str(tmp_path / "*.npz"), *setup]) == 0  # a pattern stands for its logs
+    assert main(["check", str(tmp_path / "*.npz"), *setup]) == 0  # a pattern is replaced by its logs
     assert "log.npz: at rest" in capsys.readouterr().err
     assert main(["check", *files()]) == 0
     assert "at rest" not in capsys.readouterr().err

@@ -18,7 +18,7 @@ delay = 0.01
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A setup and a log to stand in; caches stay in the folder."""
+    """A placeholder setup and log; caches stay in the folder."""
     (tmp_path / "setup.toml").write_text(SETUP)
     wrench = np.ones((still_logs.COUNT, 6))
     still_logs.write_log(tmp_path / "log.npz", wrench)
@@ -32,7 +32,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def calls(make_diagnosis, monkeypatch):
-    """What ``diagnose`` was called with; it answers with a made-up diagnosis."""
+    """Arguments of calls of ``diagnose``, which returns a made-up diagnosis."""
     kept = []
 
     def diagnose(setup, logs, names, without=(), unchecked=False, progress=str):

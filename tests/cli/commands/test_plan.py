@@ -14,7 +14,7 @@ from ftbias_jax.planning.shape import Motion
 
 @pytest.fixture
 def calls(tmp_path, monkeypatch):
-    """What ``plan`` was called with, in a folder with a setup and a log; its answer is made up."""
+    """Arguments of calls of ``plan``, which returns a made-up result, in a folder with a setup and a log."""
     (tmp_path / "setup.toml").write_text(still_logs.SETUP)
     still_logs.write_log(tmp_path / "log.npz", np.ones((still_logs.COUNT, 6)))
     kept = []

@@ -1,4 +1,4 @@
-"""``ftbias setup``, from what is known to a file that the other commands take."""
+"""``ftbias setup``: from known facts to a file that the other commands accept."""
 
 import json
 
@@ -156,7 +156,7 @@ def test_joints_that_several_robots_have_ask_for_a_name(tmp_path, capsys):
 
 
 def table(tmp_path, t, q, wrench):
-    """A log as a table of its own kind."""
+    """A log as a table in a format of its own."""
     header = ",".join(["t", *(f"q{k}" for k in range(q.shape[1])), "Fx", "Fy", "Fz", "Mx", "My", "Mz"])
     np.savetxt(tmp_path / "log.csv", np.hstack([t[:, None], q, wrench]), delimiter=",", header=header, comments="")
     return tmp_path / "log.csv", tmp_path / "setup.toml"
@@ -164,7 +164,7 @@ def table(tmp_path, t, q, wrench):
 
 @pytest.mark.slow
 def test_a_payload_that_the_controller_subtracts_needs_no_mass(tmp_path, capsys):
-    """From the log to a corrected wrench and a diagnosis, without a word of a tool."""
+    """The workflow from the log to a corrected wrench and a diagnosis needs no tool."""
     t, q, wrench = made.arm_log(samples=1500)
     weight = made.readings(made.rotations(built_in_robot("ur5e"), q), noise=0.0) + made.BIAS
     log, setup = table(tmp_path, t, q, wrench - weight)
@@ -189,7 +189,7 @@ def test_a_payload_that_the_controller_subtracts_needs_no_mass(tmp_path, capsys)
 
 @pytest.mark.parametrize("half_way", [False, True])
 def test_a_sensor_that_was_set_to_zero_is_drafted_so(tmp_path, half_way):
-    """With the tool on, at the start or while the log was recorded."""
+    """The sensor was set to zero with the tool on, at the start or during the recording."""
     t, q, wrench = made.arm_log(samples=3000)
     if half_way:
         q[1400:1600] = q[1400]  # at rest

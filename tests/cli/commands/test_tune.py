@@ -1,4 +1,4 @@
-"""Which log belongs to which tool, before anything is computed."""
+"""Assignment of logs to tools, before anything is computed."""
 
 import pytest
 import small_archive

@@ -16,7 +16,7 @@ THETA = tool_parameters(jnp.asarray(0.73), jnp.array([0.0, 0.01, 0.06]), jnp.arr
 
 
 def made(make_candidate):
-    """A problem, a fit of mass, one joint's offset and a warm-up, and causes in another order, one of samples."""
+    """A problem, a fit of mass, a joint's offset and a warm-up, and causes in another order, one of them of samples."""
     n, nothing = 2, jnp.zeros((1, 2))
     arm = Arm(jnp.zeros((n, 3)), jnp.zeros((n, 3)).at[:, 2].set(1), jnp.zeros(3), jnp.eye(3))
     signals = Signals(
@@ -48,7 +48,7 @@ def test_correlations_are_those_of_the_fit_in_the_order_of_the_causes(make_candi
     spread = root @ root.T
     monkeypatch.setattr(estimates, "covariance", lambda problem, fit: spread)
     found = estimates.correlations(problem, fit, causes)
-    # Of the fit: mass, offset, six amplitudes; of the causes: amplitudes, tau, steps, offset, joint, mass.
+    # Fit: mass, offset, six amplitudes; causes: amplitudes, tau, steps, offset, joint, mass.
     order = {**{k: 2 + k for k in range(6)}, 13: 1, 15: 0}
     std = np.sqrt(np.diag(spread))
     expected = np.eye(16)

@@ -53,7 +53,7 @@ def test_a_fit_is_held_out_once_and_judged_against_any_reference(problem):
 
 
 def test_what_acts_in_one_block_is_gained_surely_where_the_prediction_was_right(problem):
-    """The gain scatters over blocks as much as it can; noise has next to nothing to do with that."""
+    """The gain scatters over blocks as much as it can, but noise contributes hardly anything to this scatter."""
     error = np.random.default_rng(3).normal(size=(BINS, 6))
     there = (problem.t < BLOCK_SECONDS)[:, None]
     held = CrossValidation(problem)(small_fit(np.zeros((0, BINS, 6)), error, ()), error + 20.0 * there)
@@ -68,7 +68,7 @@ def test_what_happens_in_one_block_is_not_gained_surely_by_a_prediction_of_a_par
 
 
 def test_the_gain_of_a_wrong_prediction_moves_by_chance_as_noise_moves_it(problem):
-    """The standard error of the gain of a prediction of size s on noise alone is the square root of s^2."""
+    """On noise alone, a prediction of size s has a gain with the standard error sqrt(s^2)."""
     rng = np.random.default_rng(5)
     change = 0.3 * rng.normal(size=(BINS, 6))
     made = []
@@ -81,7 +81,7 @@ def test_the_gain_of_a_wrong_prediction_moves_by_chance_as_noise_moves_it(proble
 
 
 def test_the_excess_scatters_as_the_innovations_and_the_measured_noise_do(problem):
-    """Of bins with the noise's own size, against the scatter of the excess over many logs."""
+    """Bins with the noise's own size, against the scatter of the excess over many logs."""
     rng, samples = np.random.default_rng(6), 300
     logs = []
     for _ in range(400):
@@ -100,7 +100,7 @@ def test_the_excess_scatters_as_the_innovations_and_the_measured_noise_do(proble
     ],
 )
 def test_what_is_left_over_quiet_bins(problem, first_block, elsewhere, left):
-    """Where squares of 1 are expected; channels that were never measured have nothing left."""
+    """Squares of 1 are expected; channels that were never measured have no excess."""
     error = np.sqrt(np.where(problem.t < BLOCK_SECONDS, first_block, elsewhere)[:, None] * np.ones(6))
     assert (excess_by_channel(problem, error) < 0).all() == (elsewhere < 1)
     np.testing.assert_allclose(excess_over_quiet(problem, error), left)
@@ -109,7 +109,7 @@ def test_what_is_left_over_quiet_bins(problem, first_block, elsewhere, left):
 
 
 def test_noise_alone_leaves_less_than_an_owner_would_see(problem):
-    """The median of chi-squared is below its mean: the floor must not make up a gap of noise."""
+    """The median of chi-squared is below its mean: the floor must not turn noise into a gap."""
     bins = problem._replace(samples=25 * problem.samples, variance=problem.variance / 25)
     error = np.random.default_rng(5).normal(size=(200, BINS, 6))
     left = np.mean([np.maximum(excess_over_quiet(bins, e), 0).mean() for e in error])

@@ -1,4 +1,4 @@
-"""Causes that fit and may be something else all the same."""
+"""Causes that fit, but may nevertheless be something else."""
 
 from types import SimpleNamespace
 
@@ -20,7 +20,7 @@ PROBLEM = SimpleNamespace(catalogue=CATALOGUE)
 
 
 def leaks_of_a_turn(vector):
-    """Typical departures of R^T for force and torque alike, R by Rodrigues' formula."""
+    """R^T for force and torque alike, in typical departures, with R by Rodrigues' formula."""
     angle = np.linalg.norm(vector)
     x, y, z = np.asarray(vector) / angle
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -29,7 +29,7 @@ def leaks_of_a_turn(vector):
 
 
 def in_typical_departures(drawn):
-    """(6, 6) leaks of 30 numbers."""
+    """(6, 6) crosstalk matrix of 30 numbers."""
     matrix = np.zeros((6, 6))
     matrix[OFF] = drawn
     return matrix * SIZE

@@ -1,4 +1,4 @@
-"""What a tool owes to the form of a cause beside it, against plain least squares and against another filter."""
+"""Error of a tool due to the form of a cause beside it, against plain least squares and with another filter."""
 
 from dataclasses import replace
 
@@ -20,18 +20,18 @@ from ftbias_jax.setup import parse_setup
 TRUE = parse_setup(SETUP)
 LIGHT = replace(TRUE, tool=replace(TRUE.tool, mass=0.86 * TRUE.tool.mass))
 WINDOW = 51
-"""Samples of a moving average."""
+"""Length of a moving average in samples."""
 
 
 def averaged(log):
-    """Every reading as the mean over those before it."""
+    """The log with every reading replaced by the mean of the last WINDOW readings."""
     padded = np.concatenate([np.repeat(log.wrench[:1], WINDOW - 1, 0), log.wrench])
     return log._replace(wrench=np.lib.stride_tricks.sliding_window_view(padded, WINDOW, 0).mean(-1))
 
 
 @in_float64
 def fitted(log):
-    """Problem, and fit, of a wrong mass and a filter."""
+    """The problem of a log, and the fit of a mass and a low-pass to it."""
     problem, _ = make_problem(LIGHT, [log])
     mass, low_pass = (problem.catalogue[name] for name in ("tool_mass", "low_pass"))
     hypotheses = at_zero("tool_mass", movable(problem, mass)), at_values(problem, low_pass, cutoff=2.0)
@@ -73,13 +73,13 @@ def test_it_is_the_variance_and_the_move_of_plain_least_squares(of_average):
     problem, found = of_average
     made = forms._other_forms(problem, found, found.hypotheses[1])
     columns = np.concatenate([dense(found.columns), made]).reshape(-1, found.error.size)
-    prior = np.eye(len(columns))[-len(made) :].T  # a row that draws each form to zero
+    prior = np.eye(len(columns))[-len(made) :].T  # a prior row that pulls each form to zero
     wider, error = np.concatenate([columns, prior], 1), np.concatenate([found.error.ravel(), np.zeros(len(made))])
     move = shift(wider, error)[0] - shift(columns[: -len(made)], found.error)[0]
     variances = [np.linalg.inv(x @ x.T)[0, 0] for x in (wider, columns[: -len(made)])]
     expected = variances[0] - variances[1] + move**2
     got = spread_by_other_forms(problem, found, found.hypotheses[0])
-    np.testing.assert_allclose(got, [[expected]], rtol=1e-3)  # that has a weak prior of all numbers
+    np.testing.assert_allclose(got, [[expected]], rtol=1e-3)  # the package's fit has a weak prior of all numbers
 
 
 @in_float64

@@ -1,4 +1,4 @@
-"""The verdict, for gaps of every size and causes of every kind, and each of several logs by itself."""
+"""The verdict for gaps of every size and causes of every kind, and the verdict of each of several logs."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from ftbias_jax.diagnosis.result import Gap
 
 @pytest.fixture
 def problem():
-    """10,000 bins of one sample each: a gap of 0.1 noise sigmas is more than chance."""
+    """10,000 bins of one sample each: a gap of 0.1 noise sigmas exceeds chance."""
     bins = 10_000
     ones = np.ones((bins, 6))
     t = 0.01 * np.arange(bins)
@@ -27,7 +27,7 @@ def test_the_less_the_joints_are_known_the_more_must_a_cause_remove(problem, var
 
 
 def gap(before, after, shrink_stderr=0.01):
-    """Gaps in noise sigmas, without the noise itself."""
+    """A gap before and after, in noise sigmas without the noise itself."""
     six = np.ones(6)
     sigmas = (float(np.hypot(1, size)) for size in (before, after))
     return Gap(six, six, six, *sigmas, 1 - after**2 / max(before, 1e-9) ** 2, shrink_stderr)
@@ -38,8 +38,8 @@ def gap(before, after, shrink_stderr=0.01):
     [
         (0.01, 0.01, 0, 0, True, "none"),
         (2.0, 2.0, 0, 0, True, "unknown"),
-        (0.01, 0.01, 1, 1, True, "explained"),  # spikes, and the mean reading is right
-        (2.0, 2.0, 1, 1, True, "unknown"),  # spikes say nothing of the mean reading
+        (0.01, 0.01, 1, 1, True, "explained"),  # spikes, with a right mean reading
+        (2.0, 2.0, 1, 1, True, "unknown"),  # spikes do not explain the mean reading
         (2.0, 0.02, 1, 0, True, "explained"),
         (2.0, 0.02, 1, 0, False, "partly_explained"),
         (2.0, 0.8, 1, 0, True, "partly_explained"),
@@ -67,7 +67,7 @@ def test_a_share_within_two_standard_errors_of_zero_explains_nothing(problem):
 
 
 def test_a_gap_that_closes_by_chance_as_well_is_not_explained(problem):
-    """The cause itself stands on its likelihood, so it is named; how far the gap shrinks is not known."""
+    """The likelihood supports the cause itself, so it is named; how far the gap shrinks is not known."""
     assert verdict_of(problem, gap(2.0, 0.02, 0.6), 1, 0, True) == "partly_explained"
     assert verdict_of(problem, gap(2.0, 0.02, 0.4), 1, 0, True) == "explained"
     assert verdict_of(problem, gap(2.0, 0.02, 0.6), 0, 0, True, 1) == "partly_explained"

@@ -1,4 +1,4 @@
-"""The standard error of a model's reading against fits of many logs, and against fewer free numbers."""
+"""Standard error of the predicted reading against fits of many logs, and against fits with fewer free parameters."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from ftbias_jax.setup import parse_setup
 STATED = parse_setup(SETUP)
 MOTION = simulate(STATED, {}, duration=20, rate=100, seed=1).log
 NAMES = ("tool_mass", "gravity_tilt")
-"""Two that pull in much the same way."""
+"""Two effects that act in a similar way."""
 
 
 @in_float64
@@ -41,7 +41,7 @@ def test_it_is_as_large_as_the_errors_of_many_logs(of_both):
 
 @in_float64
 def test_what_is_given_adds_nothing_by_itself(of_both):
-    """The rest is as uncertain as where only it is free, but for scores of blocks, which may widen either."""
+    """The rest is as uncertain as if only it were free, except for the block scores, which may widen either."""
     problem, both = of_both
     _, alone = fitted(0, NAMES[1:])
     given = stderr_of_reading(problem, both, NAMES[:1])
@@ -52,7 +52,7 @@ def test_what_is_given_adds_nothing_by_itself(of_both):
 
 @in_float64
 def test_directions_that_change_no_reading_add_nothing(of_both):
-    """By a step of one standard deviation along each axis of the covariance, one after the other."""
+    """Steps of one standard deviation along each axis of the covariance, one after the other."""
     problem, both = of_both
     variance, axes = np.linalg.eigh(covariance(problem, both))
     columns = slopes(problem, both.z, both.free)

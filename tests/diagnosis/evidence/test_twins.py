@@ -1,4 +1,4 @@
-"""Twins on made-up fits: as good, nearly as good, and what the catalogue calls alike."""
+"""Twins on synthetic fits: equally good, nearly as good, and declared alike by the catalogue."""
 
 from types import SimpleNamespace
 
@@ -25,7 +25,7 @@ def fit_of(hypothesis, log_likelihood):
 
 
 def twins_of(monkeypatch, losses, scatter, preliminary=1000.0, gain=1000.0, problem=PROBLEM):
-    """Of a cause that gains so much, with others that lose so many nats, scattered over the blocks by so much each."""
+    """Twins of a cause with this gain; the others lose these nats, scattered over the blocks by ``scatter`` each."""
     base, accepted = fit_of(None, -gain), fit_of(CAUSE, 0.0)
     others = [Scored(fit_of(Hypothesis(name), -lost), preliminary) for name, lost in losses.items()]
     lost = {id(other.fit.error): -other.fit.log_likelihood for other in others}
@@ -71,4 +71,4 @@ def test_a_rough_fit_that_is_far_off_is_not_tried(monkeypatch):
 def test_three_are_told_the_best_first(monkeypatch):
     near = ("gain", "tool_com", "tool_inertia", "crosstalk", "low_pass")
     assert twins_of(monkeypatch, dict.fromkeys(near, 1.0), 1.0) == near[:3]
-    assert twins_of(monkeypatch, {CAUSE.effect: 0.0}, 1.0) == ()  # it is no twin of itself
+    assert twins_of(monkeypatch, {CAUSE.effect: 0.0}, 1.0) == ()  # a cause is no twin of itself

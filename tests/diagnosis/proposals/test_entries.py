@@ -1,4 +1,4 @@
-"""A matrix of leaks beside a tool: a few entries where they are all there is, all of them where that is worth it."""
+"""A crosstalk matrix beside a tool: a few entries if these suffice, all entries if they are worth their parameters."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ ALL = np.eye(6) + 0.08 * np.kron([[1, 15], [0.1, 1]], np.ones((3, 3))) * (1 - np
 
 
 def fitted(matrix):
-    """The problem of a log with such a matrix and another centre of mass, and its fit with the largest entry alone."""
+    """The problem of a log with this matrix and a wrong centre of mass, and its fit with only the largest entry."""
     log = simulate(TRUE, {"crosstalk": {"matrix": matrix}}, duration=20, rate=100, seed=12).log
     problem, _ = make_problem(OFF, [log])
     of_tool = with_tool(problem, base(problem))
@@ -58,7 +58,7 @@ def test_one_leak_is_told_as_one_and_leaves_the_tool_right(one_leak):
     told, stderr = parameters(problem, found, few)
     np.testing.assert_allclose(told["matrix"], values(problem, found.z, "crosstalk")["matrix"])
     stderr = np.array(stderr["matrix"])
-    assert (stderr[~np.eye(6, dtype=bool)] > 0).all()  # of those, too, that are not told
+    assert (stderr[~np.eye(6, dtype=bool)] > 0).all()  # including those of entries that are not reported
     assert abs(told["matrix"][2][4] - 3.0) < 3 * stderr[2, 4]
     told, stderr = parameters(problem, found, center)
     np.testing.assert_array_less(
@@ -88,7 +88,7 @@ def test_leaks_of_all_channels_are_told_as_all():
 
 @in_float64
 def test_a_matrix_is_paid_by_what_the_log_says_of_it_and_large_leaks_are_unlikely():
-    """Leaks that stand for a wrong centre of mass fit as well, and are larger than those beside the right one."""
+    """Crosstalk that mimics a wrong centre of mass fits as well, but is larger than that beside the right one."""
     problem, found, few, _ = fitted(ALL)
     nominal = base(problem)
     assert evidence(problem, nominal) == nominal.log_likelihood
@@ -105,7 +105,7 @@ def test_a_matrix_is_paid_by_what_the_log_says_of_it_and_large_leaks_are_unlikel
 
 
 def test_leaks_of_all_channels_explain_a_log_without_terms():
-    """A few of thirty leave something, and what is left is no reason to describe the whole by something else."""
+    """Few of thirty entries leave a residual, which is no reason to describe the whole gap by something else."""
     matrix = np.eye(6) + np.random.default_rng(2).normal(size=(6, 6)) * 0.1 * (ALL - np.eye(6)) / 0.08
     quiet = replace(TRUE, sensor=replace(TRUE.sensor, noise_std=TRUE.sensor.noise_std / 5))
     log = simulate(quiet, {"crosstalk": {"matrix": matrix}}, duration=20, rate=100, seed=12).log

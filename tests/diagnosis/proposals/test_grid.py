@@ -1,4 +1,4 @@
-"""Starting points of effects by the searches that their entries pick."""
+"""Starting points of effects by the searches that their entries choose."""
 
 from types import SimpleNamespace
 
@@ -36,7 +36,7 @@ def test_each_joint_and_each_variant_is_a_hypothesis():
     place = layout(7).slices["mount_rotation", "tool_turns"].start
     assert (stays.fixed, turns.fixed) == ((), ((place, 1.0),))
     (matrix,) = (h for h in found if h.effect == "crosstalk")
-    assert len(matrix.free) == 30  # the diagonal has no scale
+    assert len(matrix.free) == 30  # the diagonal has no scale, so it is not fitted
 
 
 def test_what_is_taken_is_not_proposed():
@@ -58,7 +58,7 @@ def test_an_effect_of_ones_own_may_pick_any_of_them():
 
 @pytest.mark.parametrize(("effect", "start"), [("time_delay", 5.0), ("low_pass", 2 * np.pi * 0.02 * 10)])
 def test_a_start_is_where_its_entry_says(effect, start):
-    """Half of a tenth of a second late; a filter of 20 ms; in coordinates."""
+    """A delay of half a tenth of a second, and a filter of 20 ms, in coordinates."""
     found = [h for h in grid_hypotheses(problem_of(), np.ones(6), ()) if h.effect == effect]
     assert [h.start for h in found if h.group == found[0].group][1] == pytest.approx((start,))
 

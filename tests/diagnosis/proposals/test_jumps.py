@@ -1,4 +1,4 @@
-"""A jump of the bias takes no time, and its level stays whatever the pose is."""
+"""A jump of the bias takes no time, and its level does not depend on the pose."""
 
 from types import SimpleNamespace
 
@@ -20,13 +20,13 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
 def turns_about_x(angle):
-    """(3, 3, U) R_base_sensor."""
+    """R_base_sensor (3, 3, U) of a sensor that turns about x."""
     c, s, one, zero = np.cos(angle), np.sin(angle), np.ones_like(angle), np.zeros_like(angle)
     return np.array([[one, zero, zero], [zero, c, -s], [zero, s, c]])
 
 
 def fitted(monkeypatch, turning, ramp=0.0):
-    """A problem with white noise alone, and a fit of a jump to it: what is left is noise."""
+    """A problem with only white noise, and a fit of a jump to it: the residual is noise."""
     monkeypatch.setattr(series, "whitened", lambda problem, columns: columns)
     load = np.random.default_rng(1).normal(size=(BINS, 6))
     monkeypatch.setattr(series, "readings", lambda problem, z: load[None])

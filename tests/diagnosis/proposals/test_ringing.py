@@ -1,4 +1,4 @@
-"""Tools on springs: which forms are tried, and which fits are trusted."""
+"""Tools on springs: which forms are tried, and which fits are accepted."""
 
 from types import SimpleNamespace
 
@@ -74,7 +74,7 @@ def test_a_freed_tool_starts_where_it_was_found():
     ],
 )
 def test_what_needs_the_limits_is_no_tool_on_springs(monkeypatch, hertz, log_damping, loss, plausible):
-    """Of 100 nats gained, a usual damping loses so many."""
+    """Of 100 nats gained, a usual damping loses ``loss`` nats."""
     free = (coordinate("frequency"), coordinate("damping_ratio"))
     best = found(Hypothesis(EFFECT, free, (0.0, 0.0)), frequency=10 / hertz, damping_ratio=log_damping)
     worse = best._replace(log_likelihood=best.log_likelihood - 100)

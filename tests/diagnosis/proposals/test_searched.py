@@ -1,4 +1,4 @@
-"""Where the fits of own effects begin, and a log that has one."""
+"""Starting points of the fits of own effects, and the diagnosis of a log with one."""
 
 import jax
 import jax.numpy as jnp
@@ -44,7 +44,7 @@ def test_stated_starts_are_taken_and_whole_numbers_and_places_searched_within_th
 
 
 def together(*searched, seconds=40.0):
-    """All starts of an effect in a log of so many seconds, on a straight way of a metre."""
+    """All starts of an effect in a log of this duration, on a straight path of one metre."""
     effect = Effect("own", "sensor", (SIZE, *searched), "", "", reading=lambda v, s, w: w)
     way = np.linspace(0, 1, 101)[:, None] * np.array([[1.0, 0, 0]])
     return starts_together(effect, neutral_values(effect, MODEL), Extent(seconds, apart(way)))
@@ -111,7 +111,7 @@ PRESSED = Effect(
     ("force", "begin"), [((0.0, 0.0, 1.5), 4.321), pytest.param((0.5, -0.4, 0.3), 17.7, marks=pytest.mark.slow)]
 )
 def test_an_own_effect_that_begins_at_a_time_is_found_wherever_that_is(force, begin):
-    """In a log of the same shape as that of the hose."""
+    """The log has the same shape as that of the hose."""
     made = simulate(
         parse_setup(SETUP), {"pressed": {"force": force, "begin": begin}}, own=[PRESSED], duration=20, rate=100, seed=2
     )
@@ -132,7 +132,7 @@ HELD = PRESSED._replace(name="held", stage="environment", parameters=(*PRESSED.p
 
 
 def test_an_own_effect_that_lasts_a_while_is_found_with_its_beginning_and_length():
-    """Although it is switched from one sample to the next, and no derivative tells its times."""
+    """It is switched between two samples, so no derivative determines its times."""
     true = {"force": [1.0, -0.6, 0.8], "begin": 6.543, "length": 2.345}
     made = simulate(parse_setup(SETUP), {"held": true}, own=[HELD], duration=20, rate=100, seed=3)
     diagnosis = diagnose(made.setup, [made.log], effects=[HELD])

@@ -1,4 +1,4 @@
-"""Where contacts are, on made-up innovations."""
+"""Times of contacts, on synthetic innovations."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ BINS = 400
     [
         ([4, 5, 6], [(3.0, 7.0)]),
         ([0, 1], [(0.0, 2.0)]),
-        ([3, 4, 6], [(2.0, 7.0)]),  # one quiet hat is still contact
+        ([3, 4, 6], [(2.0, 7.0)]),  # one quiet tent function is still contact
         ([2, 3, 8], [(1.0, 4.0), (7.0, 9.0)]),
         ([], [(0.0, 10.0)]),
     ],
@@ -31,12 +31,12 @@ def test_an_event_is_what_matters_of_it(matter, expected):
 
 
 def test_what_columns_leave_shows_the_bins_they_cannot_explain():
-    """Least squares would spread the contact over the whole log; counted little, it stays where it is."""
+    """Least squares would spread the contact over the whole log; with a low weight it stays in its bins."""
     rng = np.random.default_rng(0)
     columns, noise = rng.normal(size=(8, BINS, 6)), rng.normal(size=(BINS, 6))
     contact = np.zeros((BINS, 6))
     contact[100:120] = 80.0 * rng.normal(size=6)
-    columns[:, 100:120] += 2.0  # what the columns could take of it
+    columns[:, 100:120] += 2.0  # a part that the columns could explain
     error = np.tensordot(rng.normal(size=8) * 20, columns, 1) + noise + contact
     rest = robust_rest(columns, error)
     np.testing.assert_allclose(rest, noise + contact, atol=1.0)
@@ -51,7 +51,7 @@ def test_without_columns_the_innovations_stay():
 
 
 def test_overlapping_events_are_one():
-    """Within a log."""
+    """Only events within one log are merged."""
     events = [Event(0, 5.0, 6.0), Event(0, 1.0, 1.4), Event(0, 5.5, 6.5), Event(1, 6.0, 7.0)]
     np.testing.assert_allclose(merge(events), [(0, 0.66, 1.74), (0, 4.3, 7.2), (1, 5.3, 7.7)])
     assert merge([]) == []
@@ -76,7 +76,7 @@ def test_what_is_one_event(events, merged):
     [
         ((1.0,), True),
         ((4.9,), True),
-        ((5.1,), False),  # what touches for so long is no event
+        ((5.1,), False),  # too long for an event
         ((2.0, 2.0, 2.0), True),
         ((2.5, 2.5, 2.5), False),  # more than a third of the log
     ],
@@ -89,12 +89,12 @@ def test_what_lasts_is_no_event(lengths, short):
 @pytest.mark.parametrize(
     ("event", "contacts", "seen"),
     [
-        ((0, 1.0, 4.5), [(1.0, 4.3)], True),  # more than half of six seconds, as a filter finds it
+        ((0, 1.0, 4.5), [(1.0, 4.3)], True),  # more than half of the log's 6 s, found by the filter as well
         ((0, 1.0, 4.5), [(1.0, 2.0), (2.1, 4.3)], True),
         ((0, 1.0, 4.5), [(1.0, 2.0)], False),
         ((0, 1.0, 4.5), [], False),
         ((1, 1.0, 4.5), [(1.0, 4.3)], False),  # of another log
-        ((0, 0.5, 5.6), [(0.5, 5.6)], False),  # what touches for so long is no event
+        ((0, 0.5, 5.6), [(0.5, 5.6)], False),  # too long for an event
     ],
 )
 def test_contact_may_take_much_of_a_log_if_a_filter_finds_it_too(event, contacts, seen):
@@ -109,15 +109,15 @@ def test_contact_may_take_much_of_a_log_if_a_filter_finds_it_too(event, contacts
 @pytest.mark.parametrize(
     ("sizes", "levers", "expected"),
     [
-        ([2.0, 3.0], [0.0, 0.0], []),  # the arm stops and goes
+        ([2.0, 3.0], [0.0, 0.0], []),  # may be an arm that stops and goes
         ([2.0, 3.0], [0.0, 0.05], [0, 1]),
         ([2.0, 0.5], [0.05, 0.05], [0]),  # accelerations may reach ten standard deviations
         ([2.0, 0.5], [0.0, 0.05], []),
-        ([2.0], [0.02], []),  # the centre of mass is not known better
+        ([2.0], [0.02], []),  # within the uncertainty of the centre of mass
     ],
 )
 def test_a_push_is_none_of_accelerations_that_nobody_recorded(sizes, levers, expected):
-    """Forces at the centre of mass but for a lever at right angles to them."""
+    """Forces act at the centre of mass, offset by a lever perpendicular to them."""
     center, along, events = (
         np.array([0.01, -0.02, 0.09]),
         np.array([1.0, 0.0, 0.0]),

@@ -1,4 +1,4 @@
-"""Programs compiled ahead are those that the search calls, and what goes wrong with them is told."""
+"""Programs compiled in advance are the ones that the search calls, and failures of compiling are reported."""
 
 import time
 
@@ -24,7 +24,7 @@ def setup():
 
 @pytest.fixture(scope="module")
 def log():
-    """10 s of sines."""
+    """A log of 10 s in which the joints move in sines."""
     rng = np.random.default_rng(0)
     t = np.arange(2000) / 200.0
     q = np.sin(t[:, None] + np.arange(7.0))
@@ -32,7 +32,7 @@ def log():
 
 
 def test_an_outline_is_like_the_problem(setup, log):
-    """Down to weak types: with anything else JAX would compile every program twice."""
+    """The outline matches down to weak types; otherwise JAX would compile every program twice."""
     problem, _ = make_problem(setup, [log])
     (part,) = problem.parts
     expected = (part.signals, problem.known, part.nominal)
@@ -77,7 +77,7 @@ def test_an_error_of_the_compiler_is_told(monkeypatch):
 
 
 def test_after_an_error_in_the_block_nothing_more_is_compiled(monkeypatch):
-    """What has begun is waited for; what waits is given up."""
+    """Compilations that have begun are waited for; those still queued are cancelled."""
     compiled = []
 
     def slowly():

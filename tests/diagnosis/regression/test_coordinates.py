@@ -1,4 +1,4 @@
-"""Coordinates of effects that say themselves how they are fitted."""
+"""Coordinates of effects that state how they are fitted."""
 
 from types import SimpleNamespace
 
@@ -64,7 +64,7 @@ def test_zero_is_neutral_one_a_typical_departure_and_nothing_is_outside_of_the_b
 
 
 def test_at_a_bound_that_is_neutral_the_derivative_is_that_inside():
-    """Half of it, as of jnp.clip, would have every one-sided effect begin at twice its size."""
+    """Half the derivative, as of jnp.clip, would start every one-sided effect at twice its size."""
     slope = jax.grad(lambda z: values_at(entry(SIZE), MODEL, {"size": z})["size"].sum())(jnp.zeros(3))
     np.testing.assert_allclose(slope, [1, 2, 1])
 
@@ -81,7 +81,7 @@ def test_an_own_effect_has_its_coordinates_among_those_of_its_stage():
 
 @pytest.mark.parametrize("effect", BY_NUMBERS, ids=lambda effect: effect.name)
 def test_built_in_values_come_back_from_their_coordinates(effect):
-    """Within what the entry calls plausible, at typical departures from the coordinate 0."""
+    """Values are within the entry's plausible range, at 0.7 typical departures from the coordinate 0."""
     model = Model(ARM, jnp.array([0, 0, -9.81]), BOX_ON_A_ROD)
     neutral = neutral_values(effect, model)
     z = {p.name: jnp.full(int(np.prod(p.shape)), 0.7) for p in effect.parameters}
@@ -102,7 +102,7 @@ def test_gravity_is_told_with_the_size_that_is_stated():
 
 
 def test_an_effect_of_one_joint_gets_all_joints_at_once():
-    """Each with its own offset, and it moves them as one after the other would."""
+    """Each joint has its own offset, and the joints move as if the offsets were applied one after the other."""
     effect = CATALOGUE["encoder_offset"]
     z = jnp.array([0.0, 2.0, -1.0])
     values = values_at(effect, Model(None, jnp.zeros(3), jnp.ones(10)), {"offset": z}, 3)

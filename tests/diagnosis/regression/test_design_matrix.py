@@ -1,4 +1,4 @@
-"""Products of structured columns against the dense ones that they stand for."""
+"""Products of structured columns against the dense columns that they represent."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def test_the_prior_is_of_the_coordinates_alone():
 
 def test_the_best_step_is_least_squares(columns, error):
     expected, (step, gain) = shift(dense(columns), error), step_and_gain(columns, error)
-    np.testing.assert_allclose(step, expected, rtol=1e-4, atol=1e-6)  # the prior counts for little
+    np.testing.assert_allclose(step, expected, rtol=1e-4, atol=1e-6)  # the prior has little weight
     left = residual(dense(columns), error)
     assert gain == pytest.approx(((error**2).sum() - (left**2).sum()) / 2, rel=1e-4)
 

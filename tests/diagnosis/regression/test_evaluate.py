@@ -1,4 +1,4 @@
-"""Readings and derivatives with the arm's motion worked out apart: as if it were done at once."""
+"""Readings and derivatives with the arm's motion computed separately equal those computed in one pass."""
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ from ftbias_jax.model.effects.types import Model, Signals
 
 @pytest.fixture(scope="module")
 def problem(params):
-    """Half a second of a small arm, whose setup knows of a gain and of an encoder; the last 10 samples are padding."""
+    """Half a second of a small arm whose setup states a gain and an encoder offset; the last 10 samples are padding."""
     t = np.arange(60) / 100
     angle = 4 * t[:, None] + np.arange(3)
     signals = Signals(
@@ -44,7 +44,7 @@ def direct(problem):
 
 
 def test_readings_are_those_of_the_chain(problem, direct):
-    """At several poses in one piece, and with cables on several links."""
+    """One call has several poses, and cables on several links."""
     z = np.random.default_rng(0).uniform(0.1, 0.5, (5, layout(3).size))
     z[:3, layout(3).of_effect("encoder_offset")] = z[0, layout(3).of_effect("encoder_offset")]
     z[:, layout(3).slices["cable", "link"]] = np.array([[0.0, 1.0, 1.0, 2.0, 3.0]]).T
@@ -53,12 +53,12 @@ def test_readings_are_those_of_the_chain(problem, direct):
 
 
 def test_slopes_are_those_of_the_chain(problem, direct):
-    """Along coordinates that move joints and others, mixed."""
+    """Derivatives along coordinates that move joints and others, in mixed order."""
     z = np.random.default_rng(1).uniform(0.1, 0.5, layout(3).size)
     z[layout(3).slices["cable", "link"]] = 1.0
     names = ("encoder_offset", "tool_mass", "gravity_tilt", "cable", "mount_rotation", "tool_flexibility")
     places = np.concatenate([layout(3).of_effect(name) for name in names])
-    whole = layout(3).slices["cable", "link"].start  # a whole number: nothing changes along it
+    whole = layout(3).slices["cable", "link"].start  # an integer, along which nothing changes
     places = np.random.default_rng(2).permutation(places[places != whole])
     step = 1e-6 * np.eye(len(z))[places]
     expected = np.array([direct(z + d) - direct(z - d) for d in step]) / 2e-6

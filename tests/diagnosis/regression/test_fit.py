@@ -1,4 +1,4 @@
-"""Fits against plain least squares on the same whitened columns, and the way to the best fit of a cable."""
+"""Fits against plain least squares on the same whitened columns, and convergence of the fit of a cable."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ def test_series_are_projected_out():
 
 
 def test_to_first_order_a_linear_effect_is_fitted_exactly():
-    """Up to the prior of 30 typical departures, which columns of unit size hardly feel."""
+    """Exact up to the prior of 30 typical departures, which hardly affects columns of unit size."""
     rng = np.random.default_rng(1)
     accepted, further = at_its_best(rng, 2, BINS), rng.normal(size=(3, BINS, 6))
     found = first_order(accepted, Hypothesis("tool_com", (5, 6, 7), (0.0,) * 3), further)
@@ -49,7 +49,7 @@ def test_to_first_order_a_linear_effect_is_fitted_exactly():
 
 @pytest.fixture(scope="module")
 def pulled():
-    """A log so quiet that the likelihood of a cable is a narrow, bent valley; centre of mass, and cable far off."""
+    """A log so quiet that a cable's likelihood is a narrow, curved valley; a centre of mass, and a cable far off."""
 
     @in_float64
     def made():
@@ -66,7 +66,7 @@ def pulled():
 
 @in_float64
 def test_numbers_that_can_stand_for_each_other_are_fitted_to_the_end(pulled):
-    """Stiffness, length and place of a cable."""
+    """Stiffness, rest length and anchor of a cable compensate each other."""
     problem, center, far = pulled
     found = fit(problem, (center, far), base(problem))
     again = fit(problem, found.hypotheses, found)
@@ -93,7 +93,7 @@ def test_a_fit_that_continues_another_works_nothing_out_twice_and_ends_at_the_sa
     anew = fit(problem, (center, far), base(problem))
     assert abs(continued.log_likelihood - anew.log_likelihood) < module.ENOUGH
     np.testing.assert_allclose(continued.z, anew.z, atol=0.05)
-    fresh = fit(problem, continued.hypotheses, continued, most=0)  # its derivatives are those where it ended
+    fresh = fit(problem, continued.hypotheses, continued, most=0)  # derivatives at the end of the continued fit
     np.testing.assert_allclose(
         continued.columns.moving, fresh.columns.moving, rtol=0.05, atol=1e-2 * np.abs(fresh.columns.moving).max()
     )

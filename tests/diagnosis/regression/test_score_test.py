@@ -27,14 +27,14 @@ def test_gain_of_each_is_the_gain_of_one(own):
     each, coefficient = gain_of_each(prepare_fit(accepted), further)
     prepared = gains(prepare_fit(accepted), further)
     np.testing.assert_allclose(each, [prepared.of([i]) for i in range(4)], rtol=1e-6)
-    # Minus the coefficient of the column itself, the others being solved for again.
+    # Minus the coefficient of the column itself, with the others solved for again.
     solved = shift(np.concatenate([accepted.columns.moving, further[:1]]), accepted.error)
     assert coefficient[0] == pytest.approx(solved[-1], rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_pursuit_adds_the_column_that_gains_most(seed):
-    """As if all coefficients were solved for again with every column that might be added."""
+    """The gain is as if all coefficients were solved for again with each column that might be added."""
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(200, 12))
     X[:, 1] = X[:, 0] + 0.1 * rng.normal(size=200)

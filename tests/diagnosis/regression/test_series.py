@@ -1,4 +1,4 @@
-"""Series that stand for an effect, against what the effect itself does to a reading."""
+"""Series that represent an effect, against what the effect itself does to a reading."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +16,7 @@ OWN = np.repeat([0, 1], len(T))
 
 @pytest.fixture(scope="module")
 def problem():
-    """Two logs of 20 s in which the temperature rises by half a kelvin; each has padding."""
+    """Two logs of 20 s in which the temperature rises by 0.5 K; each has padding."""
     still, model = jnp.zeros((len(T) + 24, 1)), Model(None, jnp.zeros(3), jnp.ones(10))
     t = jnp.asarray(np.pad(T, (0, 24), mode="edge"))
     part = Part(Signals(t, still, still, still, 20 + t / 40, model), None, len(T), None, None)
@@ -31,7 +31,7 @@ def test_a_change_is_that_of_the_catalogue_in_its_own_log(problem, ramp):
     after = np.clip((T - 7.5) / ramp, 0, 1) if ramp else (T >= 7.5).astype(float)
     np.testing.assert_allclose(second.shapes[0][OWN == 1], -after, atol=1e-6)  # a bias lowers the reading
     np.testing.assert_array_equal(second.shapes[0][OWN == 0], 0)
-    assert (first.shapes[0][OWN == 1] <= second.shapes[0][OWN == 1]).all()  # it came earlier
+    assert (first.shapes[0][OWN == 1] <= second.shapes[0][OWN == 1]).all()  # the first jump is earlier
 
 
 def test_each_log_may_warm_up_by_itself_and_all_of_them_together(problem):
@@ -53,7 +53,7 @@ def test_the_temperature_drifts_all_logs_alike_if_it_moves(problem):
     parts = tuple(
         part._replace(signals=part.signals._replace(temperature=20 + part.signals.t / 80)) for part in problem.parts
     )
-    assert settlings(problem._replace(parts=parts), CATALOGUE["temperature_drift"]) == []  # a quarter of a kelvin
+    assert settlings(problem._replace(parts=parts), CATALOGUE["temperature_drift"]) == []  # 0.25 K is too little
 
 
 def test_the_slope_in_time_is_the_derivative(problem):

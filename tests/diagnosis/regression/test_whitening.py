@@ -1,4 +1,4 @@
-"""Whitening by products of matrices: as the bias filter does it bin by bin."""
+"""Whitening by matrix products gives what the bias filter gives bin by bin."""
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ USED, PADDED = 150, 160
 
 @pytest.fixture(scope="module")
 def problem():
-    """Uneven bins that end within a stretch; some bins lack all channels, one channel a while."""
+    """Uneven bins that end within an interval; some bins lack all channels, and one channel is missing for a while."""
     rng = np.random.default_rng(0)
     dt = rng.uniform(0.005, 0.02, PADDED)
     wrench = rng.normal(size=(PADDED, 6))
@@ -31,7 +31,7 @@ def series():
 
 @pytest.mark.parametrize("zeroed", [False, True], ids=["", "with a sensor that is set to zero on the way"])
 def test_whitening_is_that_of_the_bias_filter(problem, series, zeroed):
-    """In single precision nearly so; what was not measured says nothing."""
+    """In single precision the agreement is close; unmeasured values have no weight."""
     if zeroed:
         jump = np.zeros((PADDED, 6))
         jump[[40, 41, 97]] = 30.0

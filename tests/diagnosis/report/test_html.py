@@ -36,7 +36,7 @@ def test_nothing_is_loaded(make_diagnosis):
     page = Page(html)
     assert not {"link", "img", "iframe", "object", "use", "image"} & set(page.tags)
     assert not [name for name, _ in page.attributes if name.startswith("on") or name in ("src", "href", "xlink:href")]
-    assert set(re.findall(r"url\((.)", html)) == {"#"}  # within the page
+    assert set(re.findall(r"url\((.)", html)) == {"#"}  # links within the page
     assert "@import" not in html
     assert set(re.findall(r"https?://[^\"]*", html)) == {"http://www.w3.org/2000/svg"}  # a namespace, not an address
     assert "default-src 'none'" in html
@@ -67,7 +67,7 @@ def test_hostile_text_stays_text_everywhere(make_diagnosis, make_candidate):
     )
     html = to_html(diagnosis, evil)
     assert "alert(1)</script>" not in html
-    assert Page(html).tags.count("script") == html.count("<script") == 3  # the page's own, and the numbers of two logs
+    assert Page(html).tags.count("script") == html.count("<script") == 3  # of the page, and numbers of two logs
     assert "\x00" not in html
     html.encode()
 
@@ -94,7 +94,7 @@ def test_drawings_speak_to_screen_readers(make_diagnosis):
 def test_the_file_stays_small(make_diagnosis, make_candidate, logs, bins):
     candidates = tuple(make_candidate(f"effect_{i}", 2.0 - 0.1 * i) for i in range(30))
     html = to_html(make_diagnosis(logs=logs, bins=bins, candidates=candidates), "a log")
-    assert len(html.encode()) < 600_000  # drawings, and the numbers for the pointer
+    assert len(html.encode()) < 600_000  # drawings, and numbers for the pointer
 
 
 @pytest.mark.parametrize("bins", [0, 1, 3])
@@ -192,5 +192,5 @@ def test_the_ranking_shows_differences_to_the_best_and_the_term_that_was_found(m
     page = Page(to_html(make_diagnosis(candidates=(best, near), causes=(near,), terms=(term,)), "a log"))
     assert "● term: velocity" in page.text
     assert "-1.2 ± 1.9" in page.text
-    assert "1121 ± 157" in page.text  # in the table
+    assert "1121 ± 157" in page.text  # a row of the table
     assert page.text.index("● term: velocity") < page.text.index("● tool_mass")

@@ -1,4 +1,4 @@
-"""The headline: forty words that have the quantity, its value and unit, what it is worth and what to do."""
+"""The headline: at most forty words with the quantity, its value and unit, its effect on the error, and what to do."""
 
 import re
 from dataclasses import replace

@@ -48,7 +48,7 @@ def test_events_are_the_intervals_in_the_order_of_time(motion):
         assert low == pytest.approx(start, abs=0.25)
         assert high == pytest.approx(end, abs=0.25)
         assert sigmas > 1.5
-    assert where.regimes == ()  # two events prove nothing about the motion
+    assert where.regimes == ()  # two events say nothing about dependence on the motion
 
 
 def test_a_gap_of_one_size_has_no_interval_and_no_regime(motion):

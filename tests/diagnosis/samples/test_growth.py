@@ -1,4 +1,4 @@
-"""Growth of the noise with the speed of the joints, in noise whose variance is known exactly."""
+"""Growth of the noise with the speed of the joints, for noise whose variance is known exactly."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def measure(t, squares, speed):
 def test_the_fit_is_the_maximum_of_the_likelihood_and_of_the_prior(expected):
     _, speed, white = moving_log(1, 800)
     design = np.column_stack([np.ones(len(speed)), speed**2])
-    squares = growing(speed, np.clip(white, -2.5, 2.5))[:, :1]  # nothing that the fit would take for an event
+    squares = growing(speed, np.clip(white, -2.5, 2.5))[:, :1]  # nothing that the fit would consider an event
 
     def loss(x):
         variance = design @ np.exp(x)
@@ -48,7 +48,7 @@ def test_the_fit_is_the_maximum_of_the_likelihood_and_of_the_prior(expected):
 
 def test_a_joint_that_hardly_moves_is_not_told_to_shake_more_than_the_one_that_moves():
     t, speed, white = moving_log(4)
-    both = np.column_stack([speed[:, 0], 0.05 * speed[:, 0]])  # what either of them does the other would do as well
+    both = np.column_stack([speed[:, 0], 0.05 * speed[:, 0]])  # both speeds explain the same
     found = measure(t, (REST + both[:, :1] ** 2 @ SLOPE[1:2]) * white**2, both)
     assert found.detected
     assert (found.variance[1] < SLOPE[1]).all()

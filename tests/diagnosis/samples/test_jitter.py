@@ -7,12 +7,12 @@ from ftbias_jax.diagnosis.thresholds import CORRELATED
 
 T = np.arange(4000) / 500
 RATE = np.stack([np.cos(T), np.sin(T), 0.1 * np.ones_like(T)], 1)
-"""N/s, of a weight that turns."""
+"""N/s, rate of change of the wrench of a weight that turns."""
 NOISE = np.array([0.02, 0.02, 0.02])
 
 
 def errors(late):
-    """White noise, and what samples that are ``late`` (N,) s add."""
+    """White noise plus the error of samples that are ``late`` (N,) s."""
     return late[:, None] * RATE + np.random.default_rng(1).normal(size=RATE.shape) * NOISE
 
 

@@ -1,4 +1,4 @@
-"""Logs simulated here, with one effect each; the model's error is known exactly."""
+"""Logs simulated in this file, with one effect each; the model's error is known exactly."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ class Recording:
 
 
 def names(found):
-    """Of the effects that leave the signs."""
+    """Names of the effects whose signs were detected."""
     effects = {finding.sign: finding.effect for finding in together([found])}
     return tuple(effects[finding.sign] for finding in found.detected)
 
@@ -68,7 +68,7 @@ def test_noise_level(scale):
     recording = Recording(2)
     found = recording.inspect(recording.model + scale * recording.noise)
     assert names(found) == ("noise_level",)
-    agrees(found.level, "scale", scale, 3.5)  # the worst of six
+    agrees(found.level, "scale", scale, 3.5)  # the largest of six
     np.testing.assert_allclose(found.noise_std, scale * STATED, rtol=0.06)
 
 
@@ -145,7 +145,7 @@ def test_saturation(side):
 
 
 def test_readings_that_noise_left_below_a_limit_are_no_evidence():
-    """The tool rests with its wrench just above the limit: what was not clipped is below by selection."""
+    """The tool rests with its wrench just above the limit, so unclipped readings are below it by selection."""
     recording = Recording()
     still = recording.model * 0 + SIZE
     recording.model = np.where((recording.t > 5)[:, None], still, recording.model.clip(-SIZE, 0.5 * SIZE))
@@ -154,7 +154,7 @@ def test_readings_that_noise_left_below_a_limit_are_no_evidence():
     assert names(found) == ("saturation",)
     resting = recording.t > 5.1
     kept = found.clean_wrench[resting]
-    assert np.isfinite(kept).mean() < 0.01  # 38 % of them were not clipped
+    assert np.isfinite(kept).mean() < 0.01  # 38 % were not clipped
 
 
 def test_rows_in_which_every_axis_is_clipped_are_not_lost():
@@ -320,17 +320,17 @@ def test_lattice_of_a_few_digits_and_none():
 
 
 def unrest(recording, rows):
-    """What a push along the direction of change adds to some rows, as late stamps would do."""
+    """The reading with pushes along dW/dt in some rows, like those of late stamps."""
     late = 0.012 * recording.rng.normal(size=len(recording.t)) * rows
     return recording.model + recording.noise - late[:, None] * np.gradient(recording.model, recording.t, axis=0)
 
 
 def test_unrest_in_contact_is_not_late_stamps():
-    """A clock does not know what is touched: outside of the contact stamps must be late, too."""
+    """A clock does not depend on contact: stamps outside contact must be late, too."""
     recording = Recording(11, duration=40.0)
     touched = (recording.t > 8) & (recording.t < 22)
     of_contact, everywhere = unrest(recording, touched), unrest(recording, np.ones_like(recording.t))
-    assert recording.inspect(of_contact).jitter.detected  # that is what is to be told apart
+    assert recording.inspect(of_contact).jitter.detected  # without the times of contact
     assert not recording.inspect(of_contact, touched=touched).jitter.detected
     assert recording.inspect(everywhere, touched=touched).jitter.detected
     assert recording.inspect(everywhere, touched=np.zeros(len(touched), bool)).jitter.detected

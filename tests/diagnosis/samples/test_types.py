@@ -1,4 +1,4 @@
-"""Signs in single samples as effects of a catalogue."""
+"""Signs in single samples that belong to effects of a catalogue."""
 
 from types import SimpleNamespace
 
@@ -7,7 +7,7 @@ from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue
 
 
 def log(**nats):
-    """A log that shows these signs."""
+    """A log in which these signs were detected."""
     return SimpleNamespace(detected=tuple(Finding(sign, True, {}, {}, size, "") for sign, size in nats.items()))
 
 

@@ -1,4 +1,4 @@
-"""Terms take the place of effects, or effects that of terms, by what each does to the reading on made-up fits."""
+"""Terms replace effects, or effects replace terms, by what each explains of the reading, on synthetic fits."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -39,7 +39,7 @@ def fit_of(name, numbers, error, gain=0.0):
 
 
 def described(change, drive=("orientation", "linear"), gain=0.0):
-    """A term of 18 numbers that takes a change out of what was left."""
+    """A term of 18 numbers that removes ``change`` from the residual."""
     term = make_term(*drive, "sensor", "wrench")
     term = term.__class__(**{**vars(term), "coefficients": np.zeros(18)})
     return Solved((term,), BEFORE - change, gain, np.zeros((18, BINS, 6)), np.zeros(0))
@@ -56,8 +56,8 @@ NEARLY = 1.05 * CHANGE
     ("effect", "of_effect", "term", "same"),
     [
         ("tool_com", NEARLY, described(CHANGE), True),
-        ("tool_com", BEFORE * [0, 0, 0, 0.5, 0, 0] + only([4]), described(only([4])), True),  # and good for tx
-        ("tool_com", BEFORE * [-1, 0, 0, 0, 0, 0] + only([4]), described(only([4])), False),  # and bad for fx
+        ("tool_com", BEFORE * [0, 0, 0, 0.5, 0, 0] + only([4]), described(only([4])), True),  # and improves tx
+        ("tool_com", BEFORE * [-1, 0, 0, 0, 0, 0] + only([4]), described(only([4])), False),  # and worsens fx
         ("tool_com", only([3]), described(CHANGE), False),
         ("tool_com", NEARLY, described(CHANGE, ("position", "linear")), False),  # does not follow gravity
         ("crosstalk", NEARLY, described(CHANGE), False),  # takes nearly any shape
@@ -73,9 +73,9 @@ def test_what_follows_gravity_as_a_wrong_tool_does_is_one(effect, of_effect, ter
     [
         ("bias_jump", ("joint_velocity", "heat"), 1000.0, True),
         ("bias_jump", ("joint_velocity", "heat"), 500.0, False),
-        ("bias_jump", ("time", "step"), 1000.0, False),  # says the same
+        ("bias_jump", ("time", "step"), 1000.0, False),  # equivalent
         ("cable", ("constant", "steady"), 1000.0, True),
-        ("cable", ("position", "linear"), 1000.0, False),  # says the same
+        ("cable", ("position", "linear"), 1000.0, False),  # equivalent
         ("warmup", ("joint_velocity", "heat"), 1000.0, False),  # is neither an event nor a pull
     ],
 )
@@ -88,7 +88,7 @@ def test_an_event_or_a_pull_that_something_else_explains_as_well_has_a_rival(eff
 
 @pytest.mark.parametrize(("drive", "taken"), [(("temperature", "calibrated"), True), (("orientation", "map"), False)])
 def test_one_term_takes_the_place_of_several_effects_that_explain_no_more(monkeypatch, drive, taken):
-    """Gauges whose gain depends on the temperature: gains explain most, and drift with temperature the rest."""
+    """Gauges whose gain depends on temperature: gains explain most, temperature drift explains the rest."""
     base = fit_of("", 0, BEFORE)
     first = fit_of("gain", 3, BEFORE, 990.0)
     both = first._replace(hypotheses=(Hypothesis("gain"), Hypothesis("temperature_drift")), log_likelihood=1000.0)

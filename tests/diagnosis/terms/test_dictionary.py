@@ -1,4 +1,4 @@
-"""Gains of a grid of terms against those of the same columns one by one."""
+"""Gains of a dictionary of terms against those of the same columns evaluated one by one."""
 
 from types import SimpleNamespace
 
@@ -36,7 +36,7 @@ def state():
 
 @pytest.fixture
 def problem():
-    """One log whose readings are white already."""
+    """One log whose readings are already white."""
     one, none = np.tile(np.eye(BINS), (6, 1, 1, 1)), np.zeros((6, 1, BINS, 2))
     white = Whitener(one, none, none.transpose(0, 1, 3, 2), np.zeros((6, 1, 2, 2)))
     return SimpleNamespace(t=np.arange(float(BINS)), parts=[SimpleNamespace(whiten=white, used=BINS)])

@@ -1,4 +1,4 @@
-"""Terms fitted to made-up readings, whose bias filter changes nothing."""
+"""Terms fitted to synthetic readings that the bias filter does not change."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -33,7 +33,7 @@ def state():
 
 
 def fit_with(term, state, own):
-    """A fit beside which a term is missing: innovations are prediction - reading."""
+    """A fit that lacks a term; innovations are prediction - reading."""
     start = at_its_best(np.random.default_rng(0), own, BINS)
     error = start.error - added(np, term, state) / NOISE_STD
     return start._replace(error=error, log_likelihood=-float((error**2).sum()) / 2)

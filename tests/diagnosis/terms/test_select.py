@@ -1,4 +1,4 @@
-"""Rules by which terms are refused, on made-up motions."""
+"""Rules by which terms are refused, on synthetic motions."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from ftbias_jax.model.effects.terms.columns import count_columns
 @pytest.mark.parametrize(
     ("swing", "coefficients", "refused"),
     [
-        (1.0, [2.0, 1.0, 0.5], False),  # the whole workspace: parts of one size
+        (1.0, [2.0, 1.0, 0.5], False),  # whole workspace: parts of equal size
         (1e-3, [2.0, 0.0, 0.0], False),  # little motion, one part
         (
             1e-3,
@@ -52,7 +52,7 @@ def test_of_a_wave_and_a_line_that_do_the_same_the_line_comes_first(ahead, first
 
 @pytest.mark.parametrize(("fast", "same"), [(0.0, True), (20.0, False)])
 def test_a_field_is_a_gain_of_one_sign_too_in_slow_motion(fast, same):
-    """A load that is the weight along each axis, and a force along z that is there where that is pulled."""
+    """The weight as load along each axis, against a force along z with its strength."""
     rng = np.random.default_rng(0)
     turn = Rotation.random(400, rng=rng).as_matrix()
     gravity = np.array([0.0, 0.0, -9.81])
@@ -69,7 +69,7 @@ def test_a_field_is_a_gain_of_one_sign_too_in_slow_motion(fast, same):
 
 
 def test_times_are_numbers_so_what_turns_back_as_often_explains_as_much_by_less():
-    """As measured: a seal that rubs in a joint that turns back 23 times, and a torque that is switched as often."""
+    """A measured case: a seal rubs in a joint that reverses 23 times, against a torque that is switched as often."""
     switched = make_term("time", "step", "sensor", "wrench", 0, {"time": np.arange(23.0)})
     rubbing = make_term("joint_velocity", "friction", "joint", "torque", 7, {"speed": np.asarray(0.02)})
     found = [

@@ -1,4 +1,4 @@
-"""Lines in made-up series, and noise that follows a drive."""
+"""Lines in synthetic series, and noise that follows a drive."""
 
 from typing import NamedTuple
 

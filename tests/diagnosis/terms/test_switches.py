@@ -1,4 +1,4 @@
-"""Times at which levels change: against a naive search, on made-up series, and with a bias beside them."""
+"""Times at which levels change: against a naive search, on synthetic series, and beside a bias."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ BINS, WIDTH = 2000, 0.01
 
 
 def naive(x, weight):
-    """Changes by dynamic programming over all pairs of rows."""
+    """Change points by dynamic programming over all pairs of rows."""
     n, price = len(x), PRICE * np.log(len(x)) * x.shape[1]
 
     def cost(first, end):
@@ -55,7 +55,7 @@ def test_of_changes_in_one_direction_the_largest_counts():
 
 
 def test_of_brief_changes_the_one_that_lasts_counts():
-    """Fingers push a part before they carry it: harder than it weighs, but not for long."""
+    """Fingers push a part before they carry it: with more force than its weight, but only briefly."""
     level = np.repeat([0.0, -3.0, 2.0, 9.0, 0.0, 0.5], [40, 5, 100, 3, 40, 60])[:, None]
     cuts = np.flatnonzero(np.diff(level[:, 0])) + 1
     assert lasting(level, np.ones_like(level), cuts, 10).tolist() == [45, 148, 188]
@@ -65,7 +65,7 @@ def test_of_brief_changes_the_one_that_lasts_counts():
 
 @pytest.fixture
 def turning():
-    """A sensor that turns all the time, and moves at places of no account."""
+    """A sensor that turns all the time, with arbitrary places and accelerations."""
     rng = np.random.default_rng(1)
     angle = np.linspace(0, 9, BINS)
     c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros(BINS), np.ones(BINS)
@@ -76,7 +76,7 @@ def turning():
 
 @pytest.mark.parametrize("name", ["sensor", "force", "torque", "payload"])
 def test_what_is_switched_is_found_beside_a_bias(turning, name):
-    """Whatever the axes in which its strength stays: at the times at which it was switched, to a part of a bin."""
+    """The switching times are found to a fraction of a bin, whatever the axes in which the strength is constant."""
     rng = np.random.default_rng(2)
     times = np.array([2.123, 5.0, 9.437, 12.0, 17.5])
     seen = next(one for one in _ways(turning, np.zeros((BINS, 6)), np.ones((BINS, 6))) if one.name == name)

@@ -1,4 +1,4 @@
-"""Terms of logs that the catalogue does not explain, and logs of which it does."""
+"""Terms of logs that the catalogue does not explain, and logs that it explains without terms."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A bias that wanders more than is stated: its density is found, told and applied, and nothing else is taken for it."""
+"""A bias that wanders more than stated: its density is found, reported and applied; nothing else is mistaken for it."""
 
 from types import SimpleNamespace
 
@@ -61,7 +61,7 @@ def test_what_comes_back_is_no_bias_that_wanders(setup, record, follows):
 
 @pytest.mark.slow
 def test_a_bias_that_follows_the_temperature_is_no_bias_that_wanders(setup, record):
-    """However the temperature goes, and though the bias is not quite linear in it."""
+    """This holds for any time course of the temperature, and for a bias that is not quite linear in it."""
     log = record(None)
     course = wandering(np.random.default_rng(7), np.asarray(log.t), np.ones(6))[:, 0]
     course = (course - course.mean()) / course.std()

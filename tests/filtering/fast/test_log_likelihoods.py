@@ -1,4 +1,4 @@
-"""The likelihood in chunks, of which nothing is stored, is the sum over the steps; so are its slopes."""
+"""The likelihood in chunks, of which nothing is stored, equals the sum over single steps; so do its derivatives."""
 
 from functools import partial
 
@@ -23,20 +23,20 @@ CASES = {
 
 @pytest.fixture
 def in_chunks(monkeypatch):
-    """Two whole chunks of the log's 40 samples, and a part."""
+    """Chunks of 16, so that the log's 40 samples are two chunks and a part."""
     monkeypatch.setattr(route, "CHUNK", 16)
     return route.log_likelihoods.__wrapped__
 
 
 def by_samples(params, state, samples, weight, options):
-    """The definition: what the pipeline reports of every sample, added up."""
+    """The definition: the log-likelihoods of all samples that the pipeline reports, summed."""
     emit = lambda state, info: (info.joint.log_likelihood.sum(), info.wrench.log_likelihood)  # noqa: E731
     _, (joint, wrench) = pipeline.scan_steps(params, state, samples, options, emit)
     return (weight * joint).sum(), (weight * wrench).sum()
 
 
 def values_and_slopes(function, options, params, samples, weight):
-    """Both sums, and the slopes of a mixture of them in parameters, wrench and joints."""
+    """Both sums, and the derivatives of a mixture of them with respect to parameters, wrench and joints."""
 
     def mixture(params, wrench, q):
         seen = samples._replace(wrench=wrench, q=q)
@@ -49,14 +49,14 @@ def values_and_slopes(function, options, params, samples, weight):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_it_is_the_sum_over_the_steps_and_so_are_its_slopes(params, samples, in_chunks, case):
-    """With a gap after which every joint starts again, and a sensor that is set to zero."""
+    """The log has a gap after which every joint restarts, and a sensor that is set to zero."""
     part, options = CASES[case]
     log = samples._replace(dt=samples.dt.at[20].set(20.0), rezeroed=jnp.zeros(40).at[30].set(1.0))
     arguments = (with_part(params, part), log, jnp.linspace(0.5, 1.5, 40))
     expected = jax.jit(partial(values_and_slopes, by_samples, options))(*arguments)
     got = jax.jit(partial(values_and_slopes, in_chunks, options))(*arguments)
     assert_all_close(got[0], expected[0], 1e-10, 1e-10)
-    assert_all_close(got[1], expected[1], 1e-6, 1e-6)  # the textbook filter's own rounding, for sharp encoders
+    assert_all_close(got[1], expected[1], 1e-6, 1e-6)  # rounding errors of the textbook filter, for precise encoders
 
 
 def different(samples):
@@ -74,7 +74,7 @@ def different(samples):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", list(CASES)[1:])
 def test_many_logs_are_each_log(params, samples, in_chunks, case):
-    """Each with a clock of its own; padding, here a chunk of it and more, changes nothing."""
+    """Each log has its own clock; padding, here of more than a chunk, changes nothing."""
     part, options = CASES[case]
     params = with_part(params, part)
     logs, length = different(samples), len(samples.dt) + 24
@@ -87,7 +87,7 @@ def test_many_logs_are_each_log(params, samples, in_chunks, case):
         value, (of_params, *of_samples) = jax.tree.map(lambda x, i=i: x[i], together)
         expected, expected_slopes = one(params, pad(log, length), weight)
         assert_all_close(value, expected, 1e-10, 1e-10)
-        assert_all_close((of_params, *of_samples), expected_slopes, 1e-6, 1e-6)  # the prior's lose digits
+        assert_all_close((of_params, *of_samples), expected_slopes, 1e-6, 1e-6)  # those of the prior lose digits
         assert not any(x[len(log.dt) :].any() for x in of_samples)
 
 
@@ -113,7 +113,7 @@ def test_in_single_precision(params, samples, in_chunks):
 
 
 def test_only_padding_is_left_out(samples):
-    """Neither a gap, in which time passes, nor measurements at one stamp."""
+    """A gap, in which time passes, and measurements at one stamp are not left out."""
     chunk = jax.tree.map(lambda x: x[:8], samples)
     nothing = pad(jax.tree.map(lambda x: x[:0], chunk), 8)
     assert route.is_there(chunk)
@@ -124,7 +124,7 @@ def test_only_padding_is_left_out(samples):
 
 
 def test_what_is_kept_for_slopes_is_the_log_and_little_else(params, samples):
-    """At most 250 bytes a sample, with the 112 of the log of three joints and its weights."""
+    """At most 250 bytes a sample, including 112 for the log of three joints and its weights."""
     length = 20_000
     log = jax.tree.map(lambda x: jax.ShapeDtypeStruct((length, *x.shape[1:]), x.dtype), samples)
 

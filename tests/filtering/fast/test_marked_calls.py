@@ -1,4 +1,4 @@
-"""No call that is compiled as a whole is given what it does not read: XLA may end the process at such a call."""
+"""No call that is compiled as a whole has unread arguments: XLA may end the process at such a call."""
 
 from functools import partial
 
@@ -26,12 +26,12 @@ def jaxprs_in(jaxpr):
             inner = getattr(value, "jaxpr", value)
             if hasattr(inner, "eqns"):
                 yield eqn, inner
-                if eqn.params.get("name") != "whole":  # what such a call calls is part of it
+                if eqn.params.get("name") != "whole":  # calls within it are part of it
                     yield from jaxprs_in(inner)
 
 
 def unread(program, *arguments):
-    """Shapes of what marked calls are given and do not read."""
+    """Shapes of the arguments of marked calls that these do not read."""
     found, seen = [], 0
     for eqn, inner in jaxprs_in(jax.make_jaxpr(program)(*arguments).jaxpr):
         if eqn.params.get("name") == "whole":

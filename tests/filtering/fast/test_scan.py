@@ -43,7 +43,7 @@ def textbook(model, inputs):
 
 @models
 def test_innovations_and_their_derivative_are_those_of_the_scan(model):
-    """They are linear in the measurements."""
+    """Innovations are linear in the measurements."""
     inputs = problem(model, 1)
     other = inputs._replace(y=inputs.y + np.random.default_rng(2).normal(size=inputs.y.shape))
 
@@ -60,7 +60,7 @@ def test_innovations_and_their_derivative_are_those_of_the_scan(model):
 
 
 def with_slopes(scan, inputs, weights):
-    """The outputs, and the derivative of their weighted sum in every input but the times."""
+    """The outputs, and the derivative of their weighted sum with respect to every input but the times."""
 
     def score(differentiated):
         outputs = scan(inputs._replace(**differentiated))
@@ -87,14 +87,14 @@ def test_filter_and_its_reverse_pass_equal_the_textbook_and_its_autodiff(model, 
     for got, expected in zip(outputs, expected_outputs, strict=True):
         np.testing.assert_allclose(got, expected, rtol=1e-10, atol=1e-10)
     for name, expected in expected_slopes.items():
-        if expected is None:  # nothing drives these filters
+        if expected is None:  # these filters have no process noise
             continue
-        # Slopes in the prior pass through the whole log; seeds differ in how many digits that costs.
+        # Derivatives with respect to the prior pass through the whole log; seeds differ in the digits lost.
         np.testing.assert_allclose(slopes[name], expected, rtol=1e-8, atol=1e-8 * np.abs(expected).max(), err_msg=name)
 
 
 def test_the_gap_makes_a_joint_start_again():
-    """The test above compares restarts only if there are any."""
+    """The test above checks restarts only if there are any."""
     inputs = problem("integrated_jerk", 0)
     track = filter_log(MODELS["integrated_jerk"], inputs)
     np.testing.assert_allclose(track.innovation_variance[GAP], inputs.restart_variance[:2] + inputs.variance[GAP])

@@ -35,7 +35,7 @@ from ftbias_jax.setup import load_setup, parse_setup
 
 RATE, SECONDS = 250, 30
 FORCE = np.array([6.0, -3.0, 0, 0, 0.1, 0])
-"""N, Nm: what the environment exerts on the tool."""
+"""N, Nm: wrench of the environment on the tool."""
 
 
 def with_wrench(log, change):
@@ -65,7 +65,7 @@ def likeliest(setup, made):
 
 
 def filtered(setup, log, smooth=False):
-    """What the log shows, and its result."""
+    """What was estimated from the log, and its result."""
     found = alone(ready_to_filter(setup, slices(log), len(log.t), log.q[0], smooth=smooth))
     return found, join(list(found.results))
 
@@ -128,7 +128,7 @@ def test_a_bias_that_wanders_is_followed_as_by_a_filter_that_knows_how_much(setu
 
 
 def test_slow_errors_widen_the_error_bars_to_what_they_are_worth(setup, likeliest, made):
-    """The filter as stated claims to know the bias several times better than it does."""
+    """With stated noise, the filter claims to know the bias several times better than it does."""
     log, truth = made
     std = np.repeat([0.3, 0.012], 3)
     shifted = with_wrench(log, gauss_markov(np.random.default_rng(1), log.t, std, 0.5))
@@ -143,7 +143,7 @@ def test_slow_errors_widen_the_error_bars_to_what_they_are_worth(setup, likelies
 
 
 def test_the_noise_of_samples_is_what_the_log_shows(setup, made):
-    """A sensor twice as noisy as stated: the innovations scatter as the filter says."""
+    """The sensor is twice as noisy as stated: the innovations scatter as the filter predicts."""
     log, _ = made
     noise = np.random.default_rng(3).normal(0, np.sqrt(3) * np.repeat([0.1, 0.004], 3), log.wrench.shape)
     found, result = filtered(setup, with_wrench(log, noise))
@@ -153,7 +153,7 @@ def test_the_noise_of_samples_is_what_the_log_shows(setup, made):
 
 
 def test_parts_are_the_whole(setup, made, clean, monkeypatch):
-    """Joints smoothed with some samples of the next part, in a log that is read again for every pass."""
+    """Joints are smoothed with some samples of the next part, and the log is read again for every pass."""
     log, _ = made
     for smaller, name, value in ((ready, "MOST", 1000), (by_parts, "PART", 2050), (by_parts, "LOOKAHEAD", 512)):
         monkeypatch.setattr(smaller, name, value)
@@ -168,7 +168,7 @@ def test_parts_are_the_whole(setup, made, clean, monkeypatch):
     assert [len(part.t) for part in results] == [2050, 2050, 2050, 7500 - 3 * 2050]
     assert reads[1:] == [2050, 2050]
     got, expected = join(results), clean[1]
-    # 2050 samples are no whole number of blocks, so the noise found is not quite the same.
+    # 2050 samples are no whole number of blocks, so the estimated noise differs slightly.
     np.testing.assert_allclose(found.noise.inflation, clean[0].noise.inflation, rtol=0.2)
     np.testing.assert_array_equal(found.noise.vibration.level, 1)
     for name in ("t", "q", "dq", "ddq", "ddq_std", "wrench_tool", "reading_std", "used"):
@@ -181,7 +181,7 @@ def test_parts_are_the_whole(setup, made, clean, monkeypatch):
 
 
 def test_a_filter_as_on_the_robot_looks_at_nothing(made, likeliest, monkeypatch):
-    """And is that of the pipeline, whole and in parts."""
+    """Its result is that of the pipeline, whole and in parts."""
     log, _ = made
     found, result = filtered(parse_setup({**YAW_PITCH_ROLL, "bias": {"adapt": False}}), log)
     assert found.noise.contacts == ()
@@ -201,7 +201,7 @@ def test_a_filter_as_on_the_robot_looks_at_nothing(made, likeliest, monkeypatch)
 
 
 def test_a_few_odd_readings_at_the_start_do_not_shut_the_gate_for_good(setup, made):
-    """A torque alone is no contact, and ten readings far off are enough for a gate that trusts them."""
+    """A torque alone is no contact, and ten outliers are enough to mislead a gate that trusts them."""
     log, bias = made
     odd = (np.arange(len(log.t)) < 10)[:, None] * np.array([0, 0, 0, 1.0, 0, 0])
     found, result = filtered(setup, with_wrench(log, odd))
@@ -214,7 +214,7 @@ def test_a_few_odd_readings_at_the_start_do_not_shut_the_gate_for_good(setup, ma
 
 
 def test_one_odd_reading_at_the_start_costs_the_bias_nothing(setup, made, monkeypatch):
-    """Also if the gate that it shuts opens before half of the log is over; what fills a log up is not counted."""
+    """This holds even if the closed gate opens before half of the log is over; padding is not counted."""
     done = []
 
     def noted(*arguments, **named):
@@ -239,14 +239,14 @@ def test_one_odd_reading_at_the_start_costs_the_bias_nothing(setup, made, monkey
 
 
 def textbook_joints(noise, dt, q, dq):
-    """Mean (T, 3) and covariance (T, 3, 3) of one joint given past and future, by matrices."""
+    """Mean (T, 3) and covariance (T, 3, 3) of one joint given past and future, computed with matrices."""
     density, position, velocity, prior = noise
     x, P = np.array([q[np.isfinite(q)][0], 0, 0]), np.diag(prior**2)
     ahead, now = [], []
     processes = jax.vmap(lambda h: integrated_jerk_noise(h, jnp.asarray(density)))(jnp.asarray(dt))
     for k, (A, Q) in enumerate(zip(*(np.asarray(jax.vmap(matrix)(rows)) for rows in processes), strict=True)):
         before, x, P = x, A @ x, A @ P @ A.T + Q
-        lost = (np.diag(P) > prior**2)[:2].all()  # after a long gap: begun again, at rest where it was
+        lost = (np.diag(P) > prior**2)[:2].all()  # after a long gap it restarts, at rest at its last position
         ahead.append((A, Q, x, P, lost))
         if lost:
             x, P = before * [1, 0, 0], np.diag(prior**2)
@@ -269,7 +269,7 @@ def textbook_joints(noise, dt, q, dq):
 
 
 def by_the_textbook(params, log, left_out, variance=None):
-    """Bias and drift (T, 2, 6) with standard deviations, by smoothed joints and ``bias_filter.step``."""
+    """Bias and drift (T, 2, 6) with standard deviations, from smoothed joints and ``bias_filter.step``."""
     dt = np.diff(log.t, prepend=log.t[0])
     joint = params.joint
     densities = zip(joint.process_density, joint.position_std, joint.velocity_std, strict=True)
@@ -305,7 +305,7 @@ def assert_textbook(result, log, left_out):
 
 
 def test_the_parameters_of_a_result_reproduce_it_by_the_textbook(setup, made):
-    """With contact, slow errors and vibration: everything that the log shows is in its parameters and contacts."""
+    """The log has contact, slow errors and vibration, all of which are in its parameters and contacts."""
     log, _ = made
     rng = np.random.default_rng(5)
     std, inside = np.repeat([0.1, 0.004], 3), (log.t >= 12.3) & (log.t < 13.9)
@@ -329,7 +329,7 @@ def test_a_recorded_log_is_reproduced_by_the_textbook_too(shared_data):
 
 
 def test_logs_are_mapped_over_and_each_is_as_alone(likeliest, made):
-    """Padding and contact of the one change nothing in the other."""
+    """Padding and contact of one log change nothing in the other."""
     log, _ = made
     pushed = with_wrench(log, ((log.t >= 12.3) & (log.t < 13.9))[:, None] * -FORCE)
     one, two = (samples_of(likeliest, each) for each in (log, pushed))
@@ -345,7 +345,7 @@ def test_logs_are_mapped_over_and_each_is_as_alone(likeliest, made):
 
 
 def test_every_gradient_is_finite(likeliest, made):
-    """Of everything that comes out, in every parameter, with contact and slow errors in the log."""
+    """The derivative of all outputs with respect to every parameter, with contact and slow errors in the log."""
     log, _ = made
     slow = gauss_markov(np.random.default_rng(1), log.t, np.repeat([0.3, 0.012], 3), 0.5)
     pushed = with_wrench(log, slow + ((log.t >= 12.3) & (log.t < 13.9))[:, None] * -FORCE)
@@ -363,7 +363,7 @@ def test_every_gradient_is_finite(likeliest, made):
 
 
 def test_the_gradient_of_the_likelihood_is_that_of_differences(likeliest, made):
-    """Where the noise is as stated, so that nothing that the log shows is held constant."""
+    """The noise is as stated, so that no estimate from the log is held constant."""
     log, _ = made
     log = log._replace(**{name: getattr(log, name)[:700] for name in ("t", "q", "dq", "wrench", "temperature")})
     samples = samples_of(likeliest, log)
@@ -408,7 +408,7 @@ def test_a_log_too_short_for_blocks_is_filtered_with_what_is_stated(setup, made)
 
 
 def test_what_effects_add_to_the_bias_is_in_the_smoothed_one_too(setup, made):
-    """The sensor warms up by some newtons, as the setup states."""
+    """The setup states that the sensor warms up by some newtons."""
     log, _ = made
     amplitude = np.array([4.0, -2, 1, 0.2, 0.1, -0.1])
     warm = parse_setup({**YAW_PITCH_ROLL, "effects": {"warmup": {"amplitude": list(amplitude), "tau": 5.0}}})

@@ -1,4 +1,4 @@
-"""The scatter at rest, for the diagnosis; contact as it finds it is tested with the finder."""
+"""The scatter at rest, for the diagnosis; contact as it finds it is tested with its finder."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def scatter_of(error, stated=1.0):
 
 @pytest.mark.parametrize("stated", [0.5, 3.0])
 def test_the_scatter_at_rest_is_that_within_blocks(stated):
-    """And a short log says nothing of it."""
+    """A short log does not determine it."""
     error = NOISE * np.random.default_rng(0).normal(size=(4000, 6)) + 0.3 * np.sin(0.5 * T)[:, None]
     blocks = error.reshape(400, 10, 6)
     line = np.stack([np.ones(10), np.arange(10) - 4.5], 1)

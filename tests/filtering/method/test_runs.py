@@ -1,4 +1,4 @@
-"""Sets of logs: each gets the runs it asks for, together with those that ask for the same; results keep their order."""
+"""Sets of logs: logs that request the same run are run together, and results keep their order."""
 
 import jax
 import numpy as np
@@ -15,7 +15,7 @@ LAYOUT = Layout(5, 0.1)
 
 @pytest.fixture
 def counts(monkeypatch):
-    """Logs and samples of every program that was run; each doubles the parameters, and its states are the dt."""
+    """Shapes of all runs; the fake program doubles the parameters, and its states are the dt."""
     done = []
 
     def doubled(params, samples, *, options, method, layout):
@@ -27,7 +27,7 @@ def counts(monkeypatch):
 
 
 def steps(task):
-    """As many runs as a log asks for, each of what the last one gave."""
+    """Request ``times`` runs one after the other, each with the result of the previous one."""
     value, length, times = task
     if times < 0:
         raise LogError("cannot be read")
@@ -46,7 +46,7 @@ RESULTS = [2.0, 8.0, 24.0, None, 5.0, 12.0, 14.0]
 def test_results_are_in_order_however_many_runs_a_log_needs(counts):
     found = list(in_sets(steps, jax.devices()[0], iter(TASKS)))
     assert [None if isinstance(x, LogError) else x for x in found] == RESULTS
-    # Three of one length (a fourth fills the program up), and two of the other; then those who ask again.
+    # Three of one length (padded to four), two of the other, then the logs that request further runs.
     assert counts == [(4, 8), (2, 16), (1, 8), (1, 16), (1, 8)]
 
 

@@ -1,4 +1,4 @@
-"""Blocks against a straight line fitted to each of them by numpy."""
+"""Blocks against a straight line that numpy fits to each of them."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from ftbias_jax.filtering.noise.blocks import (
 )
 
 LAYOUT = Layout(12, 0.048)
-"""Of a log at 250 Hz."""
+"""Layout of a log at 250 Hz."""
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def log():
     y = free_motion(rng, t) + np.sin(3 * t)[:, None]
     y[rng.random(y.shape) < 0.1] = np.nan
     y[24:39, 1] = np.nan  # a block without a sample
-    y[39:50, 2] = np.nan  # blocks with few
+    y[39:50, 2] = np.nan  # blocks with few samples
     y[50:63, 3] = np.nan
     return t, y, rng.normal(size=(len(t), 3)), rng.uniform(1, 2, y.shape) * STD**2
 
@@ -80,7 +80,7 @@ def test_padding_makes_no_block(log):
 
 
 def test_jumps_where_the_sensor_was_set_to_zero_are_taken_out():
-    """Against the series without jumps; a block with samples of both sides is not used."""
+    """The reference is the series without jumps; a block with samples of both sides is not used."""
     rng = np.random.default_rng(3)
     t = stamps(20, 500)
     y = free_motion(rng, t)

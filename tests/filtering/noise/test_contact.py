@@ -1,4 +1,4 @@
-"""Contacts that were put into made-up series are found, and nothing else is."""
+"""Contacts that were added to synthetic series are found, and nothing else is."""
 
 import jax
 import numpy as np
@@ -20,11 +20,11 @@ from ftbias_jax.filtering.noise.contact import (
 from ftbias_jax.io.log import Log
 
 FORCE = np.array([-5.0, 0, 0, 0, 0.2, 0])
-"""N, Nm: what a contact does to the measured bias."""
+"""N, Nm: change of the measured bias by a contact."""
 
 
 def contacts_of(t, y, rezeroed_at=()):
-    """Contacts of a series, as diagnosis finds them."""
+    """Contacts of a series, found as in a diagnosis."""
     nothing = np.full((len(t), 6), np.nan)
     log = Log(t, nothing, nothing, -y, nothing[:, 0], rezeroed_at=rezeroed_at)
     return list(contacts_in(log, 0 * y, np.zeros((len(t), 2)), np.broadcast_to(STD**2, y.shape)).contacts)
@@ -45,7 +45,7 @@ def slow_sines(rng, t, std):
 
 
 def block_means(rng, seconds=30.0, slow=0.0):
-    """Blocks of free motion at 500 Hz, made as blocks, which is quick."""
+    """Blocks of free motion at 500 Hz, generated directly as blocks, which is quick."""
     t = stamps(seconds, 20)
     std = STD / 5  # of the mean of 25 samples
     return made_blocks(t, free_motion(rng, t, std) + slow_sines(rng, t, slow * STD), STD**2)
@@ -53,7 +53,7 @@ def block_means(rng, seconds=30.0, slow=0.0):
 
 @pytest.mark.parametrize("slow", [0.0, 1.0, 10.0])
 def test_free_motion_has_no_contact(slow):
-    """White noise, a drift, and errors that vary slowly, in 200 logs."""
+    """White noise, a drift, and slow errors, in 200 logs."""
     layout = Layout(25, 0.05)
     find = jax.jit(lambda blocks: find_contacts(blocks, layout, slow_std(blocks, layout)).inside.any())
     assert not any(find(block_means(np.random.default_rng(seed), slow=slow)) for seed in range(200))
@@ -69,7 +69,7 @@ def test_correlated_noise_is_no_contact(std, time):
 
 @pytest.mark.parametrize("rate", [250, 500, 1000])
 def test_a_contact_of_a_second_is_found_to_a_tenth_of_one(rate):
-    """Wherever it begins within a block, whose mean must not move the level that the contact is seen from."""
+    """This holds wherever it begins in a block, whose mean must not shift the level from which contact is judged."""
     t = stamps(20, rate)
     for seed in range(25):
         rng = np.random.default_rng(seed)
@@ -81,7 +81,7 @@ def test_a_contact_of_a_second_is_found_to_a_tenth_of_one(rate):
 
 
 def test_a_contact_is_found_on_top_of_slow_errors():
-    """Which are elsewhere when it ends."""
+    """The slow errors have changed when the contact ends."""
     t = stamps(40, 250)
     for seed in range(8):
         rng = np.random.default_rng(seed)
@@ -155,7 +155,7 @@ def test_what_takes_most_of_a_log_is_not_trusted():
 
 
 def test_the_usual_spread_is_measured_in_the_calm_part():
-    """With contacts in a third of the log, as without."""
+    """The spread is the same with contacts in a third of the log as without."""
     t = stamps(60, 250)
     y = free_motion(np.random.default_rng(9), t)
     (calm, layout), (touched, _) = (blocks_of(t, x) for x in (y, pushed(t, y, *[(s, s + 2) for s in range(3, 60, 6)])))

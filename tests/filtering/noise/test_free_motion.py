@@ -1,4 +1,4 @@
-"""Logs that are touched all along are told from those whose model is wrong and those that are free for a while."""
+"""Logs with contact throughout are distinguished from those with a wrong model and those that are free for a while."""
 
 from types import SimpleNamespace
 
@@ -33,7 +33,7 @@ def found_in(y, tool, length, mean, std):
 
 
 def hidden(error, tool, length=6000):
-    """Of a log with this error (T, 6) beside noise and bias."""
+    """Width of the hidden bias of a log with this error (T, 6) beside noise and bias."""
     noise = STD * np.random.default_rng(1).normal(size=error.shape)
     prior = PRIOR.prior_mean.astype(error.dtype), PRIOR.prior_std.astype(error.dtype)
     return np.asarray(found_in((BIAS + error + noise).astype(error.dtype), tool.astype(error.dtype), length, *prior))
@@ -48,7 +48,7 @@ def tool():
 
 
 def push(size, time=0.7, seed=0):
-    """(T, 6) of a hand that never lets go."""
+    """(T, 6) wrench of a hand that never lets go."""
     rng = np.random.default_rng(seed)
     force = size * (rng.normal(size=3) + 0.5 * gauss_markov(rng, T, np.ones(3), time))
     return np.concatenate([force, np.cross([0.0, 0.05, 0.1], force)], 1)

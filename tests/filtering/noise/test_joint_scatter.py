@@ -1,4 +1,4 @@
-"""The noise of measured joints, told from their motion."""
+"""The noise of measured joints, separated from their motion."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ from ftbias_jax.setup import parse_setup
 STD = 2e-5
 T = np.arange(8000) / 250
 SPEEDS = np.array([0.02, 0.3, 2.0])
-"""Largest ones, rad/s."""
+"""Largest speeds, rad/s."""
 
 
 def moving(t):
@@ -57,7 +57,7 @@ def test_rounding_is_that_of_the_step_whether_or_not_it_looks_white(degrees):
 
 
 def test_a_slower_stream_has_the_noise_that_it_has():
-    """Its rows are missing, or repeated, in between."""
+    """Between its readings, rows are missing or repeat the last reading."""
     every = T[::2]
     slower = noisy(every)
     missing = np.full((len(T), 3), np.nan)
@@ -92,7 +92,7 @@ def test_velocities_must_add_up_to_the_change_of_the_positions(changed, which):
 
 
 def test_a_planned_motion_is_in_order():
-    """Without noise all that is off is that a sum is no integral."""
+    """Without noise the only difference is that of a sum from an integral."""
     exact = SPEEDS * np.cos(2 * T[:, None] + np.arange(3))
     assert not departs(T[::4], moving(T[::4]), exact[::4], np.full(3, STD)).any()
     resting = np.zeros((len(T), 3))

@@ -1,4 +1,4 @@
-"""What a log shows beyond its setup, from made-up blocks."""
+"""Noise of a log beyond its setup, from synthetic blocks."""
 
 import jax
 import jax.numpy as jnp
@@ -27,19 +27,19 @@ _fit = jax.jit(fit_noise, static_argnums=2)
 
 
 def noise_of_log(blocks, stated, layout=LAYOUT):
-    """What a log shows, for people."""
+    """Noise of a log in the form that is reported to users."""
     found = jax.tree.map(np.asarray, _fit(stated, blocks, layout)[1])
     return log_noise_from(found, layout, slow_is_stated=stated.correlated_std is not None)
 
 
 def no_joints(blocks):
-    """Blocks of an arm of as many joints as the stated one, at rest."""
+    """Blocks of an arm at rest with as many joints as the stated one."""
     return blocks._replace(motion=np.zeros((len(blocks.t), 3)))
 
 
 @pytest.fixture(scope="module")
 def stated(params):
-    """Parameters of a filter whose prior and noise fit the made-up series."""
+    """Parameters of a filter whose prior and noise match the synthetic series."""
     bias = params.bias._replace(
         density=jnp.asarray(0.01 * STD),
         wrench_variance=jnp.asarray(STD**2),
@@ -58,14 +58,14 @@ def white_blocks(seed, slow=0.0, time=1.0, count=25):
 
 
 def test_white_innovations_inflate_nothing():
-    """Two standard deviations of chance, on six axes and three lengths: now and then by a little."""
+    """Factors begin beyond two standard deviations, so on six axes and three lengths a few exceed 1 slightly."""
     series = [np.random.default_rng(seed).normal(size=(len(T), 6)) for seed in range(50)]
     factors = np.array([inflation(T, x) for x in series])
     assert (factors >= 1).all()
     assert (factors == 1).mean() > 0.85
     assert factors.max() < 2
     white = [bool(is_white(x)) for x in series] & (factors == 1).all(1)
-    assert white.mean() > 0.4  # the rest is searched for slow errors, and none are found
+    assert white.mean() > 0.4  # the others are searched for slow errors, without finding any
 
 
 def test_correlated_innovations_inflate_by_what_their_means_scatter_more():
@@ -137,7 +137,7 @@ def test_axes_that_were_never_measured_do_not_matter(stated, missing):
 
 
 def test_an_offset_of_kilonewtons_widens_the_prior(stated):
-    """Readings are kept, because the filter would reject them as contact for ever."""
+    """Readings are kept; otherwise the filter would reject them as contact for ever."""
     blocks = white_blocks(3)
     shift = np.array([12.8e3, 0, 0, 0, -7.0, 0])
     shifted = blocks._replace(mean=blocks.mean + shift)
@@ -157,7 +157,7 @@ AS_STATED = Shares(*np.ones((2, 6)))
 
 
 def full():
-    """All that a log can show."""
+    """Noise of a log with everything that can be found."""
     per_speed = np.outer([1.0, 0, 2.0], STD**2)
     level = np.array([1, 2.25, 1, 1, 1, 1])
     slow = SlowNoise(np.array([0.3, 0, 0, 0, 0, 0.01]), np.array([0.5, 1, 1, 1, 1, 2.0]), np.full(6, 20.0))

@@ -1,4 +1,4 @@
-"""The compiled fit of a variance against scipy's bounded optimiser, and against the equations that it solves."""
+"""The compiled fit of a variance against scipy's bounded optimiser, and against its normal equations."""
 
 import jax
 import numpy as np
@@ -17,7 +17,7 @@ fit = jax.jit(maximise, static_argnums=1)
 
 
 def data_of(parts, joints, spikes=True):
-    """Two choices of motion, and two fits of which the second has the first half of the blocks."""
+    """Data with two choices of motion and two fits, the second of which uses the first half of the blocks."""
     rng = np.random.default_rng(0)
     stated = tuple(rng.uniform(0.5, 2, (COUNT, 6)) for _ in range(parts))
     dof = rng.integers(0, 20, (COUNT, 6)).astype(float)
@@ -30,7 +30,7 @@ def data_of(parts, joints, spikes=True):
 
 
 def by_scipy(data, choice, half, axis):
-    """Nats of the likeliest coefficients of one fit."""
+    """Log-likelihood of the maximum-likelihood coefficients of one fit."""
     columns = np.column_stack([*(part[:, axis] for part in data.stated), *data.motion[choice].T])
     dof, value = data.dof[half, :, axis], data.value[:, axis]
 
@@ -45,7 +45,7 @@ def by_scipy(data, choice, half, axis):
 @pytest.mark.parametrize(("parts", "joints"), [(1, 0), (2, 3)])
 def test_the_fit_is_the_likeliest_one(parts, joints):
     data = data_of(parts, joints, spikes=False)
-    data = data._replace(value=np.minimum(data.value, 3.0))  # nothing is heavy, so that the cost is smooth
+    data = data._replace(value=np.minimum(data.value, 3.0))  # no reading is clipped at HEAVY, so the cost is smooth
     found = fit(data, 20)
     mu = np.asarray(variance_of(data, found))
     for choice in (0, 1):
@@ -59,7 +59,7 @@ def test_the_fit_is_the_likeliest_one(parts, joints):
 
 
 def test_spikes_count_as_heavy_ones():
-    """The fit solves the equations of the readings with what is beyond HEAVY cut there."""
+    """The fit solves the equations of the readings clipped at HEAVY."""
     data = data_of(2, 2)
     found = fit(data, 30)
     mu = np.asarray(variance_of(data, found))[0, 0, :, 0]

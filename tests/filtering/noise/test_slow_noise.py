@@ -1,4 +1,4 @@
-"""Slow errors of made-up series against textbook filters, and recovered from what was put in."""
+"""Slow errors of synthetic series against textbook filters, and recovered from what was simulated."""
 
 import jax
 import jax.numpy as jnp
@@ -50,10 +50,10 @@ STEPS = 400
 
 
 def over_a_block(length, time):
-    """Transition (2, 2) and noise (2, 2) of (value at the end, mean), variance 1, in many small steps."""
+    """Transition (2, 2) and noise (2, 2) of (value at the end, mean) with variance 1, by many small steps."""
     kept = np.exp(-length / STEPS / time)
     A, Q = np.array([[1.0, 0], [0, 0]]), np.zeros((2, 2))
-    # The mean takes the middle of each small step, near enough half of what is there before and after it.
+    # The mean of each small step is approximated by the average of its beginning and end.
     step = np.array([[kept, 0], [(1 + kept) / 2 / STEPS, 1]])
     kick = np.array([1.0, 1 / 2 / STEPS])
     for _ in range(STEPS):
@@ -62,7 +62,7 @@ def over_a_block(length, time):
 
 
 def textbook(linear_gaussian, short, g, axis):
-    """One axis and one set of parameters as matrices; the state is (bias, drift, error at the end, its mean)."""
+    """One axis and one set of parameters as matrices; the state is (bias, drift, error at block end, block mean)."""
     (_, t, _, variance), grid = short
     q, std, time = DENSITY[axis] ** 2, grid.std[g, axis], grid.time[g, axis]
     length = np.median(np.diff(t))
@@ -91,7 +91,7 @@ def test_likelihoods_are_those_of_the_one_normal_distribution_of_all_blocks(line
 
 @pytest.mark.parametrize(("ratio", "time"), [(1.0, 0.1), (1.0, 0.5), (1.0, 3.0), (0.3, 2.0), (0.2, 1.0)])
 def test_slow_errors_are_recovered(ratio, time):
-    """In the median over the axes within a factor 1.6, in blocks of 0.05 s."""
+    """The medians over the axes are within a factor of 1.6, for blocks of 0.05 s."""
     t = stamps(45, 200)
     rng = np.random.default_rng(1)
     y = bias_course(rng, t) + gauss_markov(rng, t, ratio * STD, time)
@@ -102,13 +102,13 @@ def test_slow_errors_are_recovered(ratio, time):
 
 
 def means_of(size, t, y):
-    """Middles and means of blocks of so many samples."""
+    """Mid times and means of blocks of ``size`` samples."""
     return t.reshape(-1, size).mean(1), y.reshape(-1, size, 6).mean(1)
 
 
 @pytest.mark.parametrize("seconds", [60, 240])
 def test_joined_blocks_do_not_make_slow_errors_look_slower(seconds):
-    """In long logs, whose blocks are joined to 1000: of 0.24 s for errors that last 0.3 s."""
+    """Blocks of long logs are joined into 1000, here of up to 0.24 s for errors that last 0.3 s."""
     t = stamps(seconds, 100)
     rng = np.random.default_rng(1)
     y = bias_course(rng, t) + gauss_markov(rng, t, STD, 0.3) + STD / 2 * rng.normal(size=(len(t), 6))
@@ -119,7 +119,7 @@ def test_joined_blocks_do_not_make_slow_errors_look_slower(seconds):
 
 @pytest.mark.slow
 def test_white_noise_stays_white():
-    """In 100 logs on all six axes, with any factor of the variance that vibration leaves."""
+    """In 100 logs on all six axes, whatever factor the noise variance has been scaled by for vibration."""
     t = stamps(20, 20)
     white = 0
     for seed in range(100):

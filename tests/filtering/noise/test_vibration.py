@@ -1,4 +1,4 @@
-"""Noise that grows with motion, recovered from scatter that was made with it."""
+"""Noise that grows with motion, recovered from simulated scatter."""
 
 from functools import partial
 
@@ -34,12 +34,12 @@ def fit_vibration(blocks, free, sensor, taken=True):
 
 
 def grown(blocks, most=np.inf):
-    """(N, n) (rad/s)^2 that the noise grows with."""
+    """(N, n) (rad/s)^2, the effective squared speed with which the noise grows."""
     return effective_speed_squared(np.sqrt(blocks.motion), most)
 
 
 def moving_blocks(rng, variance=None, stated=None, count=COUNT, samples=25):
-    """An arm in motion; variance(blocks) is the true one of a sample, by default the stated one."""
+    """Blocks of an arm in motion; variance(blocks) is the true one of a sample, by default the stated one."""
     t = 0.05 * np.arange(count)
     rates = rng.uniform(0.3, 1.5, JOINTS)
     velocity = 0.6 * np.sin(t[:, None] * rates + rng.uniform(0, 6, JOINTS)) * (np.sin(0.2 * t)[:, None] > -0.3)
@@ -68,7 +68,7 @@ def test_what_each_joint_adds_and_from_which_speed_on_it_grows_less_are_recovere
     assert found.speed == pytest.approx(speed, rel=0.5)
     assert found.gain > 100
     assert all((share == 1).all() for share in found.shares)
-    # At high speed the product with the speed is what counts.
+    # At high speed only the product with the bend's speed matters.
     expected = per_speed * (1.0 if np.isinf(speed) else speed / found.speed)
     np.testing.assert_allclose(found.per_speed, expected, rtol=0.25)
     np.testing.assert_array_equal(found.level, 1)
@@ -76,7 +76,7 @@ def test_what_each_joint_adds_and_from_which_speed_on_it_grows_less_are_recovere
 
 
 def test_a_long_log_is_judged_by_some_of_its_blocks(monkeypatch):
-    """And all of them are given their variance."""
+    """All blocks get their variance nevertheless."""
     monkeypatch.setattr(vibration, "MOST_BLOCKS", 700)
     blocks = moving_blocks(np.random.default_rng(9), lambda blocks: 2 * blocks.stated + blocks.motion @ PER_SPEED)
     found = vibration.fit_vibration(blocks, LAYOUT, free(blocks), STD**2)
@@ -101,7 +101,7 @@ def test_white_noise_does_not_vibrate():
 
 @pytest.mark.parametrize("factor", [0.25, 2.25, np.array([1, 1, 4, 1, 1, 0.25])], ids=["low", "high", "by axis"])
 def test_a_level_other_than_stated_is_found(factor):
-    """With the vibration on top."""
+    """The level is found beside vibration."""
     blocks = moving_blocks(np.random.default_rng(2), lambda blocks: factor * blocks.stated + blocks.motion @ PER_SPEED)
     found = fit_vibration(blocks, free(blocks), STD**2)
     np.testing.assert_allclose(found.level, np.broadcast_to(factor, 6), rtol=0.1)
@@ -118,7 +118,7 @@ def test_a_level_other_than_stated_is_found(factor):
     ],
 )
 def test_the_level_is_the_sensors_alone(share, level, rtol):
-    """Of the stated variance three quarters are of the joints, whose errors last longer than a block."""
+    """Three quarters of the stated variance are due to the joints, whose errors last longer than a block."""
     blocks = moving_blocks(np.random.default_rng(4), lambda blocks: share * blocks.stated, stated=4 * STD**2)
     found = fit_vibration(blocks, free(blocks), STD**2)
     np.testing.assert_allclose(found.level, level, rtol=rtol)
@@ -188,7 +188,7 @@ def both(stated, noise, variance=STD**2 + OF_JOINTS):
 
 
 def test_the_filter_takes_what_the_log_shows_but_never_less_than_stated(stated):
-    """Which the log may well show; a sensor that an effect makes quieter leaves nothing negative beside it."""
+    """The log's own estimate may be lower; a sensor that an effect makes quieter leaves no negative variance."""
     as_stated = STD**2 + OF_JOINTS + MOTION
     for level, expected in ((2.25, 2.25 * STD**2 + OF_JOINTS + MOTION), (1.0, as_stated), (0.25, as_stated)):
         np.testing.assert_allclose(both(stated, shown_by(level=level))[0], expected, rtol=1e-6)

@@ -1,4 +1,4 @@
-"""How much the bias wanders: the density that made it, and none where an error comes back with the motion."""
+"""Random walk of the bias: the density is recovered, and none is found for an error that returns with the motion."""
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ STD = np.array([0.05] * 3 + [0.002] * 3)
 
 
 def means(y, rng, dtype=float, missing=()):
-    """Blocks of y with white noise."""
+    """Blocks of y with added white noise."""
     y = y + STD * rng.normal(size=y.shape)
     y[:, list(missing)] = np.nan
     variance = np.where(np.isfinite(y), STD**2, np.nan)

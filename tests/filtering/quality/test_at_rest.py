@@ -1,4 +1,4 @@
-"""A tool that nobody has weighed: logs that do not turn it are filtered, and it is said what that means."""
+"""A tool of unknown weight: logs that do not turn it are filtered, and the consequence is reported."""
 
 import made_weights as made
 import numpy as np
@@ -82,7 +82,7 @@ def test_a_mass_without_its_centre_is_not_enough_to_predict_anything():
 
 
 def test_how_far_the_sensor_turns_is_that_of_gravity_in_its_axes():
-    """Turning about gravity changes no weight, but accelerates."""
+    """Turning about gravity does not change the weight, but causes accelerations."""
     spin = np.tile(POSE, (200, 1))
     spin[:, 0] += np.linspace(0, 2, 200)
     motion = motion_of(UNKNOWN, slices(log_of(spin)))

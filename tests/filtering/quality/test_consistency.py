@@ -1,4 +1,4 @@
-"""Judging error bars: bounds against scipy, and innovations that are right, too large, too small or not white."""
+"""Judgement of error bars: bounds against scipy, and innovations that are right, too large, too small or not white."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def test_averages_of_chi_square_variables_lie_inside_their_bounds_95_times_in_10
 
 
 def checked(white, scale=1.0):
-    """Of innovations (T, 6) in standard deviations of a filter that states them ``scale`` times too small."""
+    """Check of innovations, (T, 6) in standard deviations of a filter that states them ``scale`` times too small."""
     return consistency.check(0.1 * white, (scale * white) ** 2)
 
 
@@ -52,7 +52,7 @@ def test_innovations_of_the_right_size_that_hang_together():
 
 
 def test_what_was_not_measured_is_left_out():
-    """An axis at half the rate, and one that is missing."""
+    """One axis has half the rate, and one is missing."""
     white = WHITE.copy()
     white[::2, 1] = white[:, 4] = np.nan
     found = checked(white)

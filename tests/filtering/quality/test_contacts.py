@@ -1,4 +1,4 @@
-"""The wrench of each contact: against sums over the whole result, and whatever the parts are."""
+"""The wrench of each contact, against sums over the whole result and for any partition into parts."""
 
 import itertools
 import json
@@ -14,7 +14,7 @@ from ftbias_jax.filtering.result import ARRAYS, Filtered
 
 START = 100.0
 CONTACTS = [Contact(1.0, 2.0, np.zeros(6)), Contact(3.005, 3.5, np.zeros(6)), Contact(9.0, 9.5, np.zeros(6))]
-"""The last is after the end of the log."""
+"""The last contact is after the end of the log."""
 
 
 @pytest.fixture(scope="module")

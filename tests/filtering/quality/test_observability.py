@@ -31,7 +31,7 @@ EVERYTHING = ["mass", "center_of_mass"]
     ("joints", "q", "hidden"),
     [
         pytest.param(None, (STILL, -STILL), EVERYTHING, id="a pose that does not change hides the weight"),
-        # Small turns about y move gravity along x, so a torque m c x g hardly says where c is along x.
+        # Small turns about y move gravity along x, so a torque m c x g hardly determines c along x.
         pytest.param(None, (0.2 * SWING, 0 * STILL), ["center_of_mass along (1.00, 0.00, 0.00)"], id="turns about y"),
         pytest.param(None, (0 * STILL, 0.2 * SWING), ["center_of_mass along (0.00, 1.00, 0.00)"], id="turns about x"),
         pytest.param(None, (SWING, SWING[::-1]), [], id="turning about two axes hides nothing"),

@@ -1,4 +1,4 @@
-"""Figures: what is drawn, and in which formats they are saved."""
+"""Figures: what is drawn, and the formats in which they are saved."""
 
 import builtins
 from dataclasses import replace
@@ -15,7 +15,7 @@ COUNT = 300
 
 @pytest.fixture
 def filtered():
-    """Settled after the first ten samples; one axis was never measured."""
+    """A result that settles within ten samples; one axis was never measured."""
     rng = np.random.default_rng(0)
     fields = {name: rng.normal(size=(COUNT, 6)) for name in ARRAYS}
     fields["t"] = 100 + np.arange(COUNT) / 50

@@ -1,4 +1,4 @@
-"""Lines that were put into white noise are found, and white noise has none."""
+"""Lines added to white noise are found, and white noise has none."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_a_tone_is_found_with_its_size_on_its_axes():
 
 
 def test_hum_above_half_the_rate_is_known_by_its_alias():
-    t = np.arange(0, 60, 0.01)  # 100 Hz: 60 Hz shows at 40 Hz
+    t = np.arange(0, 60, 0.01)  # sampled at 100 Hz, 60 Hz appears at 40 Hz
     x = white(2, t) + 0.1 * np.sin(2 * np.pi * 60 * t)[:, None] * [1, 0, 0, 0, 0, 0]
     (line,) = find_lines(t, x)
     assert line.frequency == pytest.approx(40, abs=0.2)
@@ -40,7 +40,7 @@ def test_hum_above_half_the_rate_is_known_by_its_alias():
 
 
 def test_a_resonance_is_wider_than_a_tone():
-    """Noise through a lightly damped oscillator: a peak of 12 Hz with a damping ratio of 0.05."""
+    """Noise through a lightly damped oscillator: a peak at 12 Hz with a damping ratio of 0.05."""
     rng = np.random.default_rng(3)
     w, zeta = 2 * np.pi * 22.0, 0.05
     a, b = 2 * np.exp(-zeta * w / RATE) * np.cos(w / RATE), -np.exp(-2 * zeta * w / RATE)

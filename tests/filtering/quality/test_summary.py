@@ -1,4 +1,4 @@
-"""Sums over a filtered log against the formulas, however it is cut into parts."""
+"""Sums over a filtered log against the formulas, for any partition into parts."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -18,7 +18,7 @@ COUNT = 60
 
 @pytest.fixture(scope="module")
 def filtered():
-    """Random numbers; one axis is missing for a while, another always."""
+    """Random numbers; one axis is missing for a while, and another throughout."""
     rng = np.random.default_rng(0)
     fields = {name: rng.normal(size=(COUNT, 6)) for name in ARRAYS}
     fields["t"] = 100 + np.cumsum(rng.uniform(0.01, 0.3, COUNT))
@@ -32,7 +32,7 @@ def filtered():
 
 @pytest.fixture(scope="module")
 def noise(params):
-    """Slow errors, but for one axis, and a drift that reverts, but for another."""
+    """Slow errors on all axes but one, and a drift that reverts on all axes but another."""
     slow = {"correlated_std": np.array([0, 1, 1, 1, 1, 1.0]), "correlated_time": np.linspace(0.5, 3, 6)}
     return params.bias._replace(**slow, drift_time=np.array([2.0, 3, 4, 5, 6, 1e6]))
 

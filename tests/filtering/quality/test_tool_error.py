@@ -1,4 +1,4 @@
-"""Error bars that contain what is not known of the tool, against the derivatives of the wrench in poses at rest."""
+"""Error bars that include the tool's uncertainty, against the derivatives of the wrench in poses at rest."""
 
 from dataclasses import replace
 

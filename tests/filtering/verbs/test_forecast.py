@@ -1,4 +1,4 @@
-"""Forecasts of a filtered log against a Kalman filter of (bias, drift, slow error) that is run on without readings."""
+"""Forecasts of a filtered log against a Kalman filter of (bias, drift, slow error) continued without readings."""
 
 from types import SimpleNamespace
 
@@ -23,7 +23,7 @@ def process(seconds):
 
 
 def half(seconds):
-    """The same if the slow error is forgotten twice as soon."""
+    """The same, if the slow error decays twice as fast."""
     (A, Q), kept = process(seconds), np.exp(-2 * seconds / TIME)
     A[2, 2], Q[2, 2] = kept, SIGMA**2 * (1 - kept**2)
     return A, Q
@@ -31,7 +31,7 @@ def half(seconds):
 
 @pytest.fixture(scope="module")
 def covariance():
-    """(3, 3) after 20 s of readings."""
+    """(3, 3) covariance after 20 s of readings."""
     A, Q = process(STEP)
     C, P = np.array([1.0, 0, 1]), np.diag([1.0, 1e-4, SIGMA**2])
     for _ in range(round(20 / STEP)):
@@ -62,7 +62,7 @@ def test_a_forecast_is_that_of_the_filter_run_on(covariance, seconds):
     found = forecast(result_of(covariance), seconds)
     C = np.array([1.0, 0, 1])
     np.testing.assert_allclose(found.mean, C @ process(seconds)[0] @ STATE)
-    # The noise of the drift on the way is small, and left out; so is what bias and drift have in common.
+    # The drift's noise during the forecast is small and neglected, and so is the correlation of bias and drift.
     exact, sooner = (
         np.sqrt(C @ (A @ covariance @ A.T + Q) @ C + WHITE**2) for A, Q in (process(seconds), half(seconds))
     )

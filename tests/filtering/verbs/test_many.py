@@ -1,4 +1,4 @@
-"""Many logs in one call: each result is that of the log alone, and a log that is bad takes none of the others along."""
+"""Many logs in one call: each result is that of the log alone, and a bad log does not affect the others."""
 
 import tomllib
 
@@ -27,7 +27,7 @@ def logs(setup):
 
 @pytest.fixture(scope="module")
 def folder(setup, logs, tmp_path_factory):
-    """The logs as files, and one that is none, in their middle."""
+    """The logs as files, with an unreadable one in the middle."""
     folder = tmp_path_factory.mktemp("logs")
     for i, log in enumerate(logs):
         np.savez(folder / f"{i}.npz", t=log.t, q=log.q, dq=log.dq, wrench=log.wrench)
@@ -54,7 +54,7 @@ def test_each_result_is_that_of_the_log_alone(setup, logs):
 
 
 def test_sets_of_logs_are_done_as_one_program_where_there_is_an_accelerator(setup, folder, logs, monkeypatch, together):
-    """Of any lengths, more of them than are held at a time, one that cannot be read among them."""
+    """Logs of any lengths, more than are held at a time, one of which cannot be read."""
     given = [*sorted(folder.iterdir()), *logs[:2]]
     alone = ft.filter_log(setup, given)
     sizes, done = [], []

@@ -1,4 +1,4 @@
-"""Parameters of a log, with other noise, go back into the setup that they were made of."""
+"""Parameters of a log, with other noise, are written back into the setup that they came from."""
 
 from dataclasses import fields, replace
 

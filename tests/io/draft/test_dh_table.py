@@ -1,4 +1,4 @@
-"""``ftbias setup --dh``: tables as they are copied from manuals."""
+"""``ftbias setup --dh``: tables as copied from manuals."""
 
 import made_weights as made
 import numpy as np
@@ -131,7 +131,7 @@ def test_a_table_that_cannot_be_read_is_one_line(tmp_path, capsys):
 
 
 def test_a_log_beside_a_table_gives_the_tool_and_joints_in_degrees(tmp_path):
-    """A table states no limits: joints are in degrees if they turn further than any joint does in radians."""
+    """A table states no limits: joints are in degrees if they exceed any joint's travel in radians."""
     t, q, wrench = made.arm_log("ur5")
     columns = ["t", *(f"q{i}" for i in range(6)), "fx", "fy", "fz", "tx", "ty", "tz"]
     log = tmp_path / "log.csv"

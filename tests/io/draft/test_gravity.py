@@ -65,7 +65,7 @@ def test_a_sensor_set_to_zero_on_the_way_weighs_as_before():
 
 
 def test_an_hour_of_motion_is_no_series_of_static_poses():
-    """Of so many samples every seventh is looked at, .7 s apart; a second counts as one all the same."""
+    """Every seventh of the samples is used, 0.7 s apart; the information is nevertheless that of one per second."""
     t = np.arange(36000) * 0.1
     rng, turned = np.random.default_rng(4), Rotation.from_euler("xyz", np.sin(np.outer(t, [0.11, 0.07, 0.05])) * 1.2)
     weight = -turned.inv().apply(np.array(SETUP.robot.gravity))

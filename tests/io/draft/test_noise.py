@@ -10,7 +10,7 @@ NOISE = np.array([0.1, 0.2, 0.3, 0.01, 0.02, 0.03])
 
 
 def moving(t, seed=0):
-    """A tool's weight while the arm turns all the time, and the sensor's rotations."""
+    """The weight of a tool while the arm turns throughout, and the sensor's rotations."""
     q = np.random.default_rng(seed).uniform(-1, 1, 6) + np.sin(2.5 * t)[:, None] * [0.3, 0.5, 0.7, 0.9, 1.1, 1.3]
     rotations = arm_rotations(SETUP.robot, SETUP.sensor, q)
     force = 15 * rotations[:, 2]
@@ -34,7 +34,7 @@ def test_the_noise_is_that_of_the_quietest_second():
 @pytest.mark.parametrize("rate", [5.0, 10.0, 100.0, 500.0])
 @pytest.mark.parametrize("smooth", [1, 3])
 def test_rest_shows_the_noise_at_every_rate(rate, smooth):
-    """Five seconds of rest in the middle of fast motion; a sensor's own filter may have smoothed its noise."""
+    """Five seconds of rest in the middle of fast motion; the sensor's own filter may have smoothed its noise."""
     t = np.arange(round(40 * rate)) / rate
     wrench, rotations = moving(np.where(t < 15, t, np.maximum(t - 5, 15)))
     white = np.random.default_rng(3).normal(size=(len(t), 6))
@@ -47,7 +47,7 @@ def test_rest_shows_the_noise_at_every_rate(rate, smooth):
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("rate", [5.0, 10.0, 20.0, 100.0, 500.0])
 def test_motion_is_not_noise(rate, seed):
-    """An arm that never rests: nothing is stated, or what is stated is the noise."""
+    """The arm never rests: no noise is stated, or the true one."""
     t = np.arange(round(40 * rate)) / rate
     wrench, rotations = moving(t, seed)
     wrench += np.random.default_rng(seed).normal(size=wrench.shape) * 0.01 * NOISE
@@ -56,7 +56,7 @@ def test_motion_is_not_noise(rate, seed):
 
 
 def test_single_poses_are_not_noise():
-    """Forty poses, a reading each: their weights differ as if they were noise."""
+    """Forty poses with one reading each: their weights differ as noise would."""
     rng = np.random.default_rng(4)
     wrench, rotations = moving(rng.uniform(0, 1e3, 40))
     assert quietest_noise(np.arange(40) * 20.0, wrench, rotations) is None
@@ -64,7 +64,7 @@ def test_single_poses_are_not_noise():
 
 @pytest.mark.parametrize("rate", [50.0, 500.0])
 def test_what_motion_adds_to_the_noise_is_measured_in_motion(rate):
-    """Rest until 10 s, then motion in which the tool is shaken by 2 N."""
+    """The arm rests until 10 s, then moves while the tool is shaken by 2 N."""
     rng, t = np.random.default_rng(5), np.arange(round(30 * rate)) / rate
     _, rotations = moving(np.maximum(t, 10))
     std = np.hypot(NOISE[:3], np.where(t > 10, 2.0, 0)[:, None])

@@ -1,4 +1,4 @@
-"""Tables and arrays that nobody has described: the draft finds how they were recorded, and weighs the tool."""
+"""Tables and arrays without any description: the draft detects how they were recorded, and weighs the tool."""
 
 import log_files
 import made_weights as made
@@ -22,7 +22,7 @@ EPOCH = 1_708_857_503_931_759
 
 
 def motion():
-    """Rotations, position, angular velocity in the body, acceleration; 20 s that swing about all axes."""
+    """Rotations, position, angular velocity in the body, and acceleration: 20 s of swinging about all axes."""
     robot = built_in_robot("ur5e")
     q = 0.8 * np.sin(0.7 * T[:, None] + np.arange(6)) - 0.3
     turned = made.rotations(robot, q)
@@ -62,7 +62,7 @@ ORIENTATIONS = {
 
 @pytest.mark.parametrize("apart", [None, 12.0])
 def test_static_poses_are_read_weighed_and_told_as_such(tmp_path, apart):
-    """A quaternion in the other order and forces in base axes; 12 s could be 12 ms, but no arm turns so fast."""
+    """A quaternion in the other order, forces in base axes; 12 s might be 12 ms, but no arm turns that fast."""
     turned = Rotation.random(30, np.random.default_rng(3))
     inside = wrench_of(turned.as_matrix(), sign=-1.0)
     wrench = np.hstack([turned.apply(inside[:, part]) for part in (slice(0, 3), slice(3, 6))])

@@ -1,4 +1,4 @@
-"""Definitions in both languages, whole and hostile."""
+"""Message definitions in both languages, intact and hostile."""
 
 import time
 from contextlib import suppress

@@ -144,7 +144,7 @@ def test_lists_that_declare_more_than_there_is_take_no_memory():
 
 
 def test_what_is_stored_of_nothing_is_not_walked_through():
-    """A type without room, a billion times a billion of it, and a hundred thousand fields of it."""
+    """A type of size zero, a billion times a billion of it, and a thousand fields of it."""
     text = "Empty[999999999] x\nEmpty[] many\n" + "Empty y\n" * 1000 + "float64 z\n" + "=" * 80
     text += "\nMSG: a/Empty\nNothing[999999999] x\n" + "=" * 80 + "\nMSG: a/Nothing\n"
     types = types_of("a/B", "ros1", Definition("ros1msg", text))

@@ -1,4 +1,4 @@
-"""Poses in recordings of ROS: PoseStamped, chains of TF, and what is wrong with them."""
+"""Poses in ROS recordings: PoseStamped, chains of TF, and their faults."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ COUNT = 30
 
 @pytest.fixture(scope="module")
 def poses():
-    """(T, 7) position and orientation x, y, z, w, turning past half a turn."""
+    """(T, 7) position and orientation x, y, z, w, which turns past half a turn."""
     rng = np.random.default_rng(0)
     angle = np.linspace(0, 4, COUNT)[:, None]
     axis = np.array([[0.6, 0.0, 0.8]])
@@ -66,7 +66,7 @@ def test_a_chain_of_frames_with_static_ones_between(tmp_path, poses, base):
     (p1, q1), (p2, q2), (p3, q3) = pose_of(poses), pose_of(np.tile(mount, (COUNT, 1))), pose_of(inner)
     position = p1 + rotate(q1, p2 + rotate(q2, p3)) + (np.array([1, 2, 3]) if base in ("", "world") else 0)
     orientation = product(q1, product(q2, q3))
-    if base == "camera":  # which moves, beside the arm, and was seen for a moment
+    if base == "camera":  # it moves, beside the arm, and was published only briefly
         shift, turned = pose_of(inner)
         back = turned * [1, -1, -1, -1]
         position, orientation = rotate(back, position - shift)[:3], product(back, orientation)[:3]

@@ -21,7 +21,7 @@ def assert_same(log, expected):
 
 @pytest.fixture(scope="session")
 def expected(tmp_path_factory, setup):
-    """The same log as it is read from the native format."""
+    """The same log as read from the native format."""
     path = tmp_path_factory.mktemp("native") / "log.npz"
     np.savez(path, **recordings.arrays())
     return read_log(path, setup)
@@ -44,7 +44,7 @@ def test_a_gripper_on_the_same_topic_does_not_disturb_the_arm(tmp_path, setup, e
 
 
 def test_two_publishers_of_one_arm_are_merged(tmp_path, setup, expected):
-    """One has the base, the other the elbow, under the same stamps."""
+    """One publishes the base joint, the other the elbow, with the same stamps."""
     published = []
     for m in recordings.messages():
         halves = [m._replace(names=m.names[i : i + 1], position=m.position[i : i + 1], velocity=m.velocity[i : i + 1],
@@ -125,7 +125,7 @@ def test_a_missing_decompressor_is_named_with_its_extra(tmp_path, setup, monkeyp
 
 
 def test_real_arm_with_a_gripper(shared_data, make_setup):
-    """Counts and values against the reader of the package rosbags."""
+    """Counts and values agree with the reader of the package rosbags."""
     path = shared_data / "real" / "ur10e_pick.bag"
     setup = make_setup(robot={"model": "ur10e"})
     names = setup.robot.joint_names

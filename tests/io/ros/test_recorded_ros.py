@@ -36,7 +36,7 @@ def test_a_ur10e_that_picks(folder, shared_data, capsys):
     assert "joints: left_finger_joint, right_finger_joint" in told
     assert "can be filtered" in told
 
-    # The arm turns by 0.1 mrad and its tool is made up: correcting by that weight makes the reading no better.
+    # The arm turns by 0.1 mrad and its tool is invented, so correcting for that weight does not improve the reading.
     assert main(["filter", str(bag), "--setup", "setup.toml", "-o", "out.npz", "--gate", "5"]) == 3
     assert "set sensor.rezeroed = true" in capsys.readouterr().err
     result = load_npz("out.npz")

@@ -1,4 +1,4 @@
-"""Logs from messages beside JointState and WrenchStamped: by their type, and by fields that the setup names."""
+"""Logs from messages other than JointState and WrenchStamped: by their types, and by fields that the setup names."""
 
 import numpy as np
 import pytest
@@ -122,7 +122,7 @@ def test_a_sensor_of_its_own_comes_before_the_robot_s_estimate(tmp_path):
 
 
 def states(t, q, dq, w, late=0):
-    """One message with everything, of a type that nobody knows."""
+    """Messages of an unknown type that contain everything."""
     text = "uint8 mode\nstring name\nfloat64[] angles\nfloat32[2] speeds\nReading[] sensors"
     types = {"my_msgs/msg/State": text, "my_msgs/msg/Reading": "float64[8] data\nfloat32 degrees"}
     for i, (s, a, b, x) in enumerate(zip(t, q, dq, w, strict=True)):
@@ -176,7 +176,7 @@ def test_a_type_that_a_bag_of_humble_does_not_define(tmp_path, make_setup):
 
 
 def test_each_topic_may_have_the_clock_that_the_setup_states(tmp_path, make_setup):
-    """The sensor's computer is 40 s ahead: its headers are of no use, those of the joints are."""
+    """The sensor's computer is 40 s ahead, so its headers are useless, unlike those of the joints."""
     t, q, dq, w = random_log()
     ahead = [m._replace(stamp=m.stamp + 40 * SECOND, logged=m.stamp + 2_000_000) for m in wrenches(t, w)]
     joints = [m._replace(logged=m.stamp + 1_000_000) for m in arm(t, q, dq)]

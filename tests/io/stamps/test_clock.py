@@ -24,12 +24,12 @@ def steady(start=10**9, samples=20):
 
 
 def test_segments_follow_each_other_and_stay_together():
-    """Two streams, whose clock is set back by 0.15 s at the same moment."""
+    """The clock of two streams is set back by 0.15 s at the same moment."""
     first, second = np.r_[steady(), steady() + 50], np.r_[steady() + 3, steady() + 60]
     (a, b), count = continue_after_jumps([first, second])
     assert count == 1
     np.testing.assert_array_equal(a[:20], first[:20])
-    assert a[20] - b[19] == PAUSE  # the second stream ended last, the first starts first
+    assert a[20] - b[19] == PAUSE  # the second stream ends last, the first begins first
     np.testing.assert_array_equal(b[20:] - a[20:], second[20:] - first[20:])
     assert not len(jumps(a))
 
@@ -58,14 +58,14 @@ def test_tidy_against_the_plain_loop(samples):
 
 @pytest.mark.parametrize("stamps", [steady()[::-1], np.r_[steady(), steady() + 5], np.r_[steady(), 0]])
 def test_a_clock_that_was_set_back_is_no_late_sample(stamps):
-    """Not even if it goes back in steps that are each small."""
+    """This includes a clock that goes back in steps that are each small."""
     with pytest.raises(LogError, match=r"t: time does not increase: .* \(sort the samples, or cut the log where"):
         put_in_order(stamps, {"q": np.zeros(len(stamps))})
 
 
 @pytest.mark.parametrize("rate", [-3000.0, -80.0, 250.0, 5000.0])
 def test_stamps_of_a_clock_that_runs_fast_are_put_right(rate):
-    """In s and in ns since 1970; of the wrench alone, with its offset."""
+    """Stamps in s and in ns since 1970; only the wrench is corrected, including its offset."""
     true = np.linspace(0, 300, 30001)
     log = LogSetup(clocks={"wrench_rate": rate}, time_offsets={"wrench": -0.25})
     stamps = true * (1 + 1e-6 * rate) + 0.25

@@ -1,4 +1,4 @@
-"""Readings that were interpolated onto the rows of a table are found again, and no other rows are taken for such."""
+"""Readings that were interpolated onto the rows of a table are recovered, and no other rows are mistaken for them."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ SECONDS = 20.0
 
 
 def arm(t, seed=0):
-    """(T, 3) rad of joints that swing."""
+    """(T, 3) rad of swinging joints."""
     phase = np.random.default_rng(seed).uniform(0, 6, 3)
     return np.array([0.5, 0.8, 0.4]) * np.sin(np.array([1.3, 2.0, 3.1]) * t[:, None] + phase)
 
@@ -23,7 +23,7 @@ def wrench(t, seed=0):
 
 
 def interpolated(signal, rate, table_rate, seed=0):
-    """Stamps (T,) of a table, its values (T, k), and (R,) s when the readings were taken."""
+    """Stamps (T,) of a table, its values (T, k), and the times (R,) s of the readings."""
     taken, t = np.arange(0, SECONDS, 1 / rate), np.arange(0, SECONDS - 2 / rate, 1 / table_rate)
     return t, np.stack([np.interp(t, taken, x) for x in signal(taken, seed).T], 1), taken
 
@@ -68,7 +68,7 @@ def test_readings_that_are_rows_are_found_to_the_last_bit(every):
     digits=st.sampled_from([2, 3, 4, 6, 15]),
 )
 def test_joints_as_they_were_read_are_kept(seed, rate, noise, digits):
-    """Whatever their rate, noise and resolution are; in motion and at rest, and held for several rows."""
+    """For any rate, noise and resolution; in motion and at rest, and held for several rows."""
     t = np.arange(0, SECONDS, 1 / rate)
     q = arm(t, seed) + noise * np.random.default_rng(seed).normal(size=(len(t), 3))
     q[t > 12] = q[np.searchsorted(t, 12)]
@@ -79,7 +79,7 @@ def test_joints_as_they_were_read_are_kept(seed, rate, noise, digits):
 
 @given(seed=st.integers(0, 10**6))
 def test_a_trajectory_of_constant_speeds_and_accelerations_is_kept(seed):
-    """Commanded joints have no noise, and lie on lines for most of the time."""
+    """Commanded joints have no noise, and move along straight lines most of the time."""
     rng = np.random.default_rng(seed)
     t = np.arange(0, SECONDS, 0.004)
     corners = np.sort(rng.uniform(0, SECONDS, (3, 12)))
@@ -89,7 +89,7 @@ def test_a_trajectory_of_constant_speeds_and_accelerations_is_kept(seed):
 
 
 def test_an_arm_that_speeds_up_once_and_is_driven_on_is_kept():
-    """One long bend, between two lines."""
+    """The path is one long bend between two straight lines."""
     t = np.arange(0, 4, 0.004)
     q = 0.004 * np.cumsum(np.clip(4 * (t - 1), 0, 1))[:, None]
     assert find_readings(t, q) is None

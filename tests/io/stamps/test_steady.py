@@ -1,4 +1,4 @@
-"""Stamps that scatter become those of the steady clock behind them, where moving joints are smoother on that."""
+"""Stamps that scatter are replaced by the underlying steady clock, where moving joints are smoother on it."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ NOISE = 2e-5
 
 
 def arm(t, seed=0, noise=NOISE):
-    """(T, 3) rad of joints that swing, at times in s."""
+    """(T, 3) rad of swinging joints at times in s."""
     rng = np.random.default_rng(seed)
     phase = rng.uniform(0, 2 * np.pi, 3)
     return 0.5 * np.sin(2 * np.pi * np.array([0.2, 0.35, 0.6]) * t[:, None] + phase) + noise * rng.normal(
@@ -21,7 +21,7 @@ def arm(t, seed=0, noise=NOISE):
 
 
 def late(t, rng):
-    """Messages that wait, and overtake none."""
+    """Stamps of messages that are delayed without overtaking one another."""
     return np.maximum.accumulate(t + rng.exponential(0.1 / RATE, len(t))) + 1e-9 * np.arange(len(t))
 
 
@@ -49,7 +49,7 @@ def test_the_clock_behind_stamps_that_scatter_is_found(form, seed, lost):
     assert scatters(stamps)
     clock = steady(stamps, arm(taken, seed))
     assert clock.gain > CLEAR
-    off = (clock.t - taken)[:-8]  # of the last ones it is not known whether they are late or one was lost
+    off = (clock.t - taken)[:-8]  # the last ones may be late, or one was lost
     assert np.ptp(off) < 0.2 / RATE
     assert np.std(off) < 0.01 / RATE
     assert np.std(np.diff(off)) < 0.01 * np.std(np.diff(stamps - taken))
@@ -103,7 +103,7 @@ def test_stamps_that_do_not_scatter_are_not_looked_at():
     lost = np.random.default_rng(0).uniform(size=T) < 0.9
     assert not scatters(t)
     assert not scatters(t[lost])
-    assert not scatters(np.arange(100) ** 2.0)  # too few to tell
+    assert not scatters(np.arange(100) ** 2.0)  # too few samples
 
 
 @pytest.mark.parametrize("as_integers", [False, True])
@@ -122,7 +122,7 @@ def test_streams_with_clocks_of_their_own(setup, as_integers):
     rows = ~np.isnan(log.q).all(1)
     off, off_wrench = log.t[rows] - joints, log.t[~np.isnan(log.wrench).all(1)] - wrench
     assert np.std(off) < 0.02 / RATE
-    assert abs(np.mean(off) - np.mean(off_wrench)) < 0.02 / RATE  # still one clock
+    assert abs(np.mean(off) - np.mean(off_wrench)) < 0.02 / RATE  # both are still of one clock
     np.testing.assert_array_equal(log.q[rows], q)
 
 

@@ -1,4 +1,4 @@
-"""Files of arrays whose streams have stamps of their own, under the names that people give them."""
+"""Files of arrays whose streams have their own stamps, under common names."""
 
 import h5py
 import numpy as np

@@ -86,7 +86,7 @@ def test_empty_cells_are_a_merged_timeline(tmp_path, setup):
     np.testing.assert_array_equal(log.temperature, [np.nan, np.nan, 25])
 
 
-LARGEST = 9e19  # what nothing measures is refused from 1e20 on
+LARGEST = 9e19  # values that no sensor has are refused from 1e20 on
 numbers = arrays(np.float64, (6, 8), elements=st.floats(-LARGEST, LARGEST) | st.just(np.nan))
 
 

@@ -1,4 +1,4 @@
-"""Columns that the setup names beside those of every log."""
+"""Columns that the setup names in addition to those of every log."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""One log in several files of any formats: the same as from arrays in memory, whoever recorded what."""
+"""One log in several files of any format equals the log from arrays in memory."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ def streams():
 
 
 def write_recording(path, messages):
-    """A bag or an MCAP file of that name."""
+    """Write a bag or an MCAP file of that name."""
     folder = path.parent / f"of_{path.name}"
     folder.mkdir()
     recordings.write(folder, "ros1" if path.suffix == ".bag" else "mcap", messages).rename(path)
@@ -59,7 +59,7 @@ def joints(t, q, speed=0):
 
 def setup_of(position, wrench, **log):
     files = {"position": f"*_joints{position}", "wrench": f"*_ft{wrench}"}
-    # The CSV files have whole ns, which a table of numbers does not say.
+    # The CSV files have integer ns, which a table of numbers does not state.
     return parse_setup(
         {"robot": {"model": "ur5e"}, "sensor": {"noise_std": 0.1}, "log": {"files": files, "time_unit": "ns", **log}}
     )

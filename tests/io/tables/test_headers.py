@@ -1,4 +1,4 @@
-"""Headers that people, robots and loggers write: what they mean, and a setup drafted from each reads the same log."""
+"""Headers of people, robots and loggers: their meaning, and the log read with a setup drafted from each is the same."""
 
 import json
 
@@ -196,7 +196,7 @@ def test_where_nothing_fits_the_draft_lists_the_columns_to_choose_from(tmp_path,
 
 @pytest.mark.parametrize("fixed", [True, False])
 def test_a_lerobot_data_set(tmp_path, fixed):
-    """Parquet with a list in every row, whose entries meta/info.json names."""
+    """Parquet with a list in every row, whose entries are named by meta/info.json."""
     state = np.column_stack([Q, np.zeros(len(T))])
     names = [*of_joints("{}.pos"), "gripper.pos"]
     features = {
@@ -237,7 +237,7 @@ def test_lists_that_are_shorter_than_said_are_an_error_of_ours(tmp_path):
 
 
 def test_lists_of_no_stated_length_have_that_of_the_first(tmp_path):
-    """As pandas writes cells that are lists: some are missing, and pixels are not asked for."""
+    """Cells that are lists, as pandas writes them: some are missing, and those of pixels are not read."""
     q = [None, *Q.tolist()[1:]]
     columns = {"time": T, "q": q, "ft": WRENCH.tolist(), "picture": [[i % 256] * (1 + i % 3) for i in range(len(T))]}
     log = tmp_path / "log.parquet"

@@ -25,7 +25,7 @@ def arrays():
 
 
 def member(shape, data=b""):
-    """Bytes of an NPY file whose header promises a shape."""
+    """Bytes of an NPY file whose header declares a shape."""
     stream = io.BytesIO()
     np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": shape})
     return stream.getvalue() + data

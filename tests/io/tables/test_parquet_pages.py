@@ -12,13 +12,13 @@ from ftbias_jax.io.tables.parquet import DAMAGE, Thrift, check_pages
 
 def test_a_struct_of_all_that_a_footer_has():
     data = (
-        b"\x15\x02"  # field 1: 1
+        b"\x15\x02"  # field 1: the integer 1
         b"\x18\x03abc"  # field 2: text
         b"\x11"  # field 3: true
         b"\x29\x35\x01\x04\x06"  # field 5: [-1, 2, 3]
         b"\x1c\x16\x08\x00"  # field 6: a struct {1: 4}
         b"\x17" + bytes(8) + b"\x13\x07"  # fields 7 and 8: a double and a byte
-        b"\x05\x28\x15"  # field 20, its number written out: -11
+        b"\x05\x28\x15"  # field 20, with its number written out: -11
         b"\x00rest"
     )
     thrift = Thrift(data)
@@ -62,7 +62,7 @@ def test_rows_and_bytes_are_what_pyarrow_says_of_them(tmp_path, compression, ver
     "header", [b"\xff" * 16, b"\x15\x00\x15\x01\x15\x02\x00", b"\x00", b"\x15\x00\x15\x02\x15\x09\x00"]
 )
 def test_pages_that_are_none_or_leave_their_column_are_damage(tmp_path, header):
-    """A struct that is none, a size that is negative or missing, and one page behind which there is something else."""
+    """An invalid struct, a negative or missing size, and one page followed by something else."""
     file = str(tmp_path / "a.parquet")
     start = written(file, use_dictionary=False).row_group(0).column(0).data_page_offset
     content = bytearray((tmp_path / "a.parquet").read_bytes())
@@ -70,7 +70,7 @@ def test_pages_that_are_none_or_leave_their_column_are_damage(tmp_path, header):
     (tmp_path / "a.parquet").write_bytes(content)
     with pytest.raises(LogError, match="is damaged: its pages do not fill their column"):
         check_pages(file, ["t"], Budget(file))
-    check_pages(file, ["x"], Budget(file))  # what is not read is not looked at
+    check_pages(file, ["x"], Budget(file))  # columns that are not read are not checked
 
 
 def test_a_damaged_footer_is_told(tmp_path):

@@ -1,4 +1,4 @@
-"""Static poses from tables, with time and without, and what is no table of them."""
+"""Static poses from tables, with and without time, and tables that are no poses."""
 
 import numpy as np
 import pytest

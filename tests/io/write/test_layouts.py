@@ -1,4 +1,4 @@
-"""Layouts name the topics and fields that an MCAP result has, in the structure that each program reads."""
+"""Layouts name the topics and fields of an MCAP result, in the structure that each program reads."""
 
 import json
 import re
@@ -13,7 +13,7 @@ WRENCH = re.compile(r"/ftbias/(\w+)\.wrench\.(force|torque)\.[xyz]")
 
 
 def panes(tree):
-    """Ids of the panels in a tree of Foxglove, which has two branches everywhere and sizes in percent."""
+    """Ids of the panels in a layout tree of Foxglove, whose nodes have two branches and sizes in percent."""
     if isinstance(tree, str):
         return [tree]
     assert tree["direction"] in ("row", "column")

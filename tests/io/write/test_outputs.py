@@ -1,4 +1,4 @@
-"""Outputs that the commands refuse; that none is an input or another output, cli/test_outputs.py says."""
+"""Outputs that the commands refuse; cli/test_outputs.py tests that none is an input or another output."""
 
 import os
 
@@ -10,7 +10,7 @@ from ftbias_jax.io.write.outputs import check_outputs, check_writable, output_of
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """The current folder."""
+    """The current folder with files and links."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bag").mkdir()
     (tmp_path / "bag" / "bag_0.mcap").write_bytes(b"a bag")

@@ -1,4 +1,4 @@
-"""What a result says about where it comes from, in every format that has a place for it."""
+"""What a result states about its origin, in every format that can hold it."""
 
 import hashlib
 import json
@@ -80,7 +80,7 @@ def test_a_folder_has_a_sum_that_every_file_of_it_changes(tmp_path):
 
 @pytest.fixture
 def said(tmp_path, origin):
-    """Format -> (what it says about the arrays, what they were made from), of one result in all formats."""
+    """Format -> (what it states about the arrays, their provenance), of one result in all formats."""
     about = About("wrist", origin, [{"start": 1.0, "end": 2.0}])
     for suffix in (".npz", ".parquet", ".mcap", ".csv"):
         save_results(tmp_path / f"out{suffix}", ARRAYS, about)
@@ -112,7 +112,7 @@ def test_every_format_says_origin_unit_sign_frame_and_contacts(said, origin):
 def test_a_frame_that_the_log_does_not_name_is_the_sensors(tmp_path):
     save_results(tmp_path / "out.npz", ARRAYS)
     arrays = load_npz(tmp_path / "out.npz")
-    assert arrays.keys() == {*ARRAYS, "about"}  # and no provenance, of which nothing is known
+    assert arrays.keys() == {*ARRAYS, "about"}  # without the provenance, which is unknown
     assert json.loads(str(arrays["about"]))["frame"] == "the sensor frame of the setup"
 
 
@@ -147,7 +147,7 @@ def test_simulated_logs_say_what_they_were_made_from(tmp_path, monkeypatch):
         assert origin["setup"] == {"name": "setup.toml", "sha256": sha256_of_url(tmp_path / "setup.toml")}
         assert (origin["samples"], origin["options"]) == (50, {"simulated": True, "seed": 0})
         assert about["units"]["t"] == "s"
-    assert "0.8" not in str(load_npz(tmp_path / "log.npz")["provenance"])  # the log does not tell the truth
+    assert "0.8" not in str(load_npz(tmp_path / "log.npz")["provenance"])  # the log does not reveal the truth
 
 
 def test_filter_writes_it_and_the_recordings_own_frame(tmp_path, monkeypatch):
@@ -156,12 +156,12 @@ def test_filter_writes_it_and_the_recordings_own_frame(tmp_path, monkeypatch):
     published = [m._replace(frame="wrist_ft") if isinstance(m, recordings.Wrench) else m for m in recordings.messages()]
     path = recordings.write(tmp_path, "ros1", published)
     code = main(["filter", path.name, "--setup", "setup.toml", "-o", "out.mcap"])
-    assert code in (0, 3)  # random numbers explain nothing
+    assert code in (0, 3)  # random numbers may count as data loss
     with open(tmp_path / "out.mcap", "rb") as file:
         made = reader.make_reader(file)
         (record,) = made.iter_metadata()
         _, channel, message = next(iter(made.iter_messages(["/ftbias/bias"])))
-    assert message.log_time == pytest.approx(recordings.START, abs=1e3)  # ns: seconds in float64
+    assert message.log_time == pytest.approx(recordings.START, abs=1e3)  # ns, rounded by seconds in float64
     assert channel.metadata["unit"] == "N, Nm"
     said = json.loads(record.metadata["provenance"])
     assert said["logs"][0]["sha256"] == sha256_of_url(path)

@@ -1,4 +1,4 @@
-"""Which arrays of a result are written, how exactly, and at which samples."""
+"""Which arrays of a result are written, with which precision, and at which samples."""
 
 import itertools
 import json
@@ -59,7 +59,7 @@ def test_every_third_sample_of_the_fields_asked_for_and_the_file_says_so(tmp_pat
 
 
 def test_a_rate_keeps_the_first_sample_after_each_tick():
-    """500 Hz to 100 Hz is every fifth, also with stamps since 1970, which are no multiples of 2 ms."""
+    """500 Hz to 100 Hz keeps every fifth sample, also with stamps since 1970, which are no multiples of 2 ms."""
     made = selected(result(), Selection(rate=100.0))
     np.testing.assert_array_equal(made["t"], result()["t"][::5])
 
@@ -109,7 +109,7 @@ def test_a_field_that_will_not_be_there_is_refused_before_anything_is_computed()
 
 
 def test_ten_minutes_at_500_hz_stay_below_130_megabytes(tmp_path):
-    """All arrays of a Panda; a tenth of the log is written, because a number has its bytes whatever it is."""
+    """All arrays of a Panda; a tenth of the log is written, because each number has the same size."""
     count = 30_000
     widths = {name: 7 if name in ("q", "dq", "ddq", "ddq_std") else 6 for name in ARRAYS if "smooth" not in name}
     arrays = {name: np.ones((count, width)) for name, width in widths.items()}

@@ -29,5 +29,5 @@ def signals(model: Model) -> Signals:
 
 @pytest.fixture(scope="session")
 def wrench(signals: Signals) -> Array:
-    """What the sensor would read if the setup were right."""
+    """The reading if the setup were right."""
     return jax.jit(compose.predict)(signals, {})

@@ -57,7 +57,7 @@ def test_omitted_values_are_neutral(model, panda):
     [
         ((2e-3, 2e-3, 1e-3), 1e-5, True),
         ((0.0, 0.0, 0.0), 1e-5, True),  # a point mass
-        ((1e-3, -3e-4, 1e-3), 2e-4, True),  # by chance
+        ((1e-3, -3e-4, 1e-3), 2e-4, True),  # negative by chance
         ((1e-3, -5e-4, 1e-3), 2e-4, False),
     ],
 )

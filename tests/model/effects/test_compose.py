@@ -14,7 +14,7 @@ predict = jax.jit(compose.predict)
 
 
 def test_a_motion_worked_out_before_is_the_motion(signals):
-    """With effects that look at it, and with its derivatives; another offset of the joints gives another motion."""
+    """With effects that use the motion, and with derivatives; another joint offset gives another motion."""
     names = ("gravity_tilt", "cable", "contact")
     signals = signals._replace(**{name: getattr(signals, name)[:50] for name in ("t", "q", "dq", "ddq", "temperature")})
     values = {name: typical_values(CATALOGUE[name], signals.model) for name in names}
@@ -45,7 +45,7 @@ def test_effects_act_in_physical_order_whatever_order_they_are_named_in(signals,
     def only(*some):
         return read(signals, {name: values[name] for name in some}, wrench)
 
-    # A jump of the bias is not multiplied by the gain, and comes late by the delay.
+    # A jump of the bias is not multiplied by the gain, and appears later by the delay.
     np.testing.assert_allclose(only("gain", "bias_jump") - only("gain"), only("bias_jump") - only(), atol=1e-12)
     late = values["bias_jump"]["time"] + values["time_delay"]["delay"]
     changed = jnp.abs(only("time_delay", "bias_jump") - only("time_delay")).max(1) > 1e-6
@@ -62,7 +62,7 @@ def test_single_precision_goes_through(signals):
     reading = predict(single, values)
     assert reading.dtype == jnp.float32
     double = predict(signals, jax.tree.map(lambda x: x.astype(jnp.float64), values))
-    # Where a jump is late by a share of a sample, the stamps' own precision shows.
+    # Where a jump is late by a fraction of a sample, the precision of the stamps matters.
     np.testing.assert_allclose(np.sort(np.abs(reading - double), 0)[:-2], 0, atol=2e-3)
 
 

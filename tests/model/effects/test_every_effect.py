@@ -1,7 +1,7 @@
-"""What holds for every entry of the catalogue: whoever adds one gets these tests, and adds one of its own signature.
+"""Properties of every entry of the catalogue: a new entry gets these tests, and needs one of its own signature.
 
-Its values are checked against their bounds; neutral changes nothing; derivatives are finite, and right; a log that is
-simulated with it is diagnosed, and the setup that is made filters it away.
+Values lie within their bounds; neutral values change nothing; derivatives are finite and right; a log simulated with
+the effect is diagnosed, and the resulting setup filters the effect away.
 """
 
 from functools import partial
@@ -26,9 +26,9 @@ PREDICTING = [name for name, effect in CATALOGUE.items() if effect.hook != "reco
 SMOOTH = [name for name in PREDICTING if not any(parameter.search for parameter in CATALOGUE[name].parameters)]
 RECORDING = [name for name, effect in CATALOGUE.items() if effect.hook == "record"]
 SETTLED = {"joint", "time", "link"}
-"""Parameters that select: the prediction is piecewise constant in them."""
+"""Parameters that select something: the prediction is piecewise constant in them."""
 BACKWARDS = ("cable", "tool_flexibility", "mount_rotation", "low_pass", "time_delay")
-"""Those whose gradients in reverse, slow to compile, every run checks."""
+"""Effects whose reverse-mode gradients, slow to compile, are checked in every run."""
 
 
 PARAMETERS = [(name, parameter) for name, effect in CATALOGUE.items() for parameter in effect.parameters]
@@ -129,7 +129,7 @@ def test_zero_strength_leaves_record_and_filter_alone_and_typical_strength_does_
 
 
 def tangents(values):
-    """A direction for each parameter that is not a selection, in its own unit."""
+    """A direction for each parameter that is not a selection, in the parameter's unit."""
     rng = np.random.default_rng(5)
     return {
         key: jnp.zeros_like(value) if key in SETTLED else (0.1 + 0.3 * jnp.abs(value)) * rng.normal(size=value.shape)
@@ -149,8 +149,8 @@ def test_the_derivative_is_that_of_finite_differences(name, signals, wrench):
     _, derivative = jax.jit(lambda s: jax.jvp(along, (s,), (1.0,)))(0.0)
     step = 1e-5
     difference = jax.jit(lambda: (along(step) - along(-step)) / (2 * step))()
-    # Play, slack, half sines and straight lines between samples have corners; where one lies within the step both
-    # are right in their way, so a few samples may differ.
+    # Backlash, slack, half sines and straight lines between samples have corners; if one lies within the step, both
+    # derivatives are valid, so a few samples may differ.
     scale = jnp.abs(difference).max()
     differs = (jnp.abs(derivative - difference) > 1e-5 * scale).any(1)
     assert differs.sum() <= (0 if name in SMOOTH and name not in ("hysteresis", "time_delay") else 8)
@@ -170,7 +170,7 @@ def test_derivatives_at_zero_strength_are_finite_and_a_smooth_effects_are_regres
         tangent[parameter.name] += jnp.asarray(parameter.scale)
         regressor = column(tangent)
         assert jnp.isfinite(regressor).all()
-        chosen = not np.any(parameter.scale)  # a choice of form, nothing that is fitted
+        chosen = not np.any(parameter.scale)  # a choice of form, which is not fitted
         assert chosen or name not in SMOOTH or jnp.abs(regressor).max() > 1e-4
 
 
@@ -186,7 +186,7 @@ def test_gradients_at_zero_strength_are_finite(name, signals, wrench):
 
 
 TIMES = 3.0
-"""Typical departures that a log shows clearly."""
+"""Number of typical departures that a log shows clearly."""
 SIX = [3.0, -2.0, 4.0, 0.1, 0.2, -0.16]
 CLEAR = {
     "contact": {"force": [[6.0, -3.0, 4.0]], "start": [8.0], "end": [9.5]},
@@ -202,11 +202,11 @@ CLEAR = {
     "gain": {"gain": [1.06, 1.0, 1.04, 1.0, 0.97, 1.0]},
     "outliers": {"rate": 0.01},
 } | {name: {} for name in ("tool_flexibility", "saturation", "noise_level", "vibration", "dropped_samples")}
-"""Where so many departures say nothing, or too much; {} = typical values."""
+"""Values of effects for which TIMES typical departures are too small or too large; {} = typical values."""
 
 
 def clear_values(name, setup):
-    """Values of an effect that a log of 20 s shows clearly."""
+    """Values of an effect that are clearly visible in a log of 20 s."""
     params = params_from_setup(setup)
     model = Model(params.arm, params.gravity, params.theta)
     neutral, typical = neutral_values(CATALOGUE[name], model), typical_values(CATALOGUE[name], model)
@@ -224,11 +224,11 @@ def test_what_is_simulated_is_found_and_applied_and_then_filtered_away(name):
     first = diagnosis.causes[0]
     assert name in (first.effect, *first.indistinguishable_from)
     fixed = diagnosis.apply(setup)
-    if first.effect == NOISE_LEVEL:  # a setup states it as the sensor's
+    if first.effect == NOISE_LEVEL:  # the setup states it as noise of the sensor
         np.testing.assert_allclose(fixed.sensor.noise_std, setup.sensor.noise_std * first.parameters["scale"])
     else:
         assert first.effect in fixed.effects
     result = filter_log(fixed, made.log)
-    rows = np.searchsorted(made.truth.t, result.t - 1e-6)  # without the samples that are left out
+    rows = np.searchsorted(made.truth.t, result.t - 1e-6)  # samples that are left out are missing
     sigmas = (result.bias - made.truth.bias[rows]) / result.bias_std
     assert np.sqrt(np.nanmean(sigmas**2)) < 1.5

@@ -56,7 +56,7 @@ def test_ringing_is_the_solution_of_its_equation_at_irregular_stamps():
 
         expected = solved(derivative, np.array([x[0], slope[0]]))
         got = rung(T, SIGNAL, jnp.array(w / (2 * np.pi)), jnp.array(zeta))[:, channel]
-        np.testing.assert_allclose(got, expected[:, 0], atol=2e-5)  # the solver steps over corners of the slope
+        np.testing.assert_allclose(got, expected[:, 0], atol=2e-5)  # the solver steps over corners of the derivative
 
 
 @pytest.mark.parametrize(

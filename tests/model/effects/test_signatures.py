@@ -1,6 +1,6 @@
-"""What the data show when an effect is there, from first principles rather than from the effect's own code.
+"""How each effect appears in the data, from first principles rather than from the effect's own code.
 
-Of the tool, the mounting, the encoders, crosstalk, cables and contacts MuJoCo says it: simulators/test_mend_mjcf.py and
+MuJoCo is the reference for tool, mounting, encoders, crosstalk, cables and contacts: simulators/test_mend_mjcf.py and
 validation/generator/test_make.py.
 """
 
@@ -26,7 +26,7 @@ def R_base_sensor(signals):
 
 @pytest.fixture(scope="module")
 def at_rest(signals):
-    """The same poses, each held still."""
+    """The same poses, each at rest."""
     return signals._replace(dq=jnp.zeros_like(signals.q), ddq=jnp.zeros_like(signals.q))
 
 
@@ -44,13 +44,13 @@ def test_tilted_gravity_is_a_force_fixed_in_the_world(at_rest, R_base_sensor):
     change = predict(at_rest, {"gravity_tilt": {"gravity": 3 * gravity}}) - predict(at_rest, {})
     in_world = np.einsum("tij,tj->ti", R_base_sensor, change[:, :3])
     size = np.linalg.norm(at_rest.model.gravity)
-    tilted = gravity * size / np.linalg.norm(gravity)  # the parameter's length does not count
+    tilted = gravity * size / np.linalg.norm(gravity)  # the parameter's length does not matter
     expected = np.asarray(-at_rest.model.theta[0] * (tilted - at_rest.model.gravity))
     np.testing.assert_allclose(in_world, np.tile(expected, (len(in_world), 1)), atol=1e-12)
 
 
 def test_a_tool_that_turns_with_its_sensor_is_an_arm_with_a_turned_sensor_frame(signals):
-    """Its parameters belong to the sensor's axes, so only these are elsewhere."""
+    """The tool's parameters belong to the sensor's axes, so only these axes are different."""
     rotation = jnp.array([0.1, -0.2, 0.3])
     turned = predict(signals, {"mount_rotation": {"rotation": rotation, "tool_turns": jnp.array(1.0)}})
     arm = signals.model.arm
@@ -73,7 +73,7 @@ def test_biases_of_effects_lower_the_reading(signals, wrench):
 
 
 def test_a_flexible_tool_sags_under_its_weight(at_rest):
-    """Held still, the tool hangs where springs about x and y balance the weight of the turned tool."""
+    """At rest, the tool hangs where springs about x and y balance the weight of the turned tool."""
     frequency, pose = 4.0, 100
     at = at_rest._replace(q=jnp.tile(at_rest.q[pose], (len(at_rest.t), 1)))
     rigid = np.asarray(predict(at, {}))[0]
@@ -91,7 +91,7 @@ def test_a_flexible_tool_sags_under_its_weight(at_rest):
 
 @pytest.mark.parametrize("way", range(6))
 def test_a_tool_that_swings_one_way_follows_its_equation_of_motion(signals, way):
-    """The moving part, a share of the tool, on one spring without sagging: integrated step by step."""
+    """A share of the tool moves on one spring without sagging; the reference is integrated step by step."""
     frequency, damping_ratio, share, dt = 3.0, 0.1, 0.6, 1e-3
     t = np.arange(0, 1.5, dt)
     ddq = 2 * (1 - np.cos(9 * t))[:, None] * np.ones(3)
@@ -99,7 +99,7 @@ def test_a_tool_that_swings_one_way_follows_its_equation_of_motion(signals, way)
     rigid = np.asarray(predict(at, {}))
     values = {"frequency": frequency, "damping_ratio": damping_ratio, "share": share * np.eye(6)[way], "sagging": 0.0}
     theta, w = np.asarray(at.model.theta), 2 * np.pi * frequency
-    unit = np.eye(6)[way]  # acceleration along or about the axis
+    unit = np.eye(6)[way]  # unit acceleration along or about the axis
     pushed = np.asarray(data_matrix(unit[:3], np.zeros(3), unit[3:])) @ theta
     moved, rate, swing = -rigid[0, way] / (pushed[way] * w**2), 0.0, np.zeros(len(t))
     for k in range(len(t)):
@@ -179,9 +179,9 @@ def test_outliers_are_single_samples_far_off_and_are_left_out(signals, wrench):
     left_out = np.isnan(compose.correct_record(got, signals.model, values)).all(1)
     neighbours = np.convolve(hit, [1, 0, 1], "same")
     alone = hit & (neighbours == 0)
-    alone[[0, -1]] = False  # the ends have one neighbour and are trusted
+    alone[[0, -1]] = False  # the ends have one neighbour and are kept
     assert left_out[alone].all()
-    assert not left_out[~hit & (neighbours < 2)].any()  # a good sample between two spikes looks like one
+    assert not left_out[~hit & (neighbours < 2)].any()  # between two spikes a good sample looks like one
 
 
 def test_the_error_of_jitter_is_the_rate_times_the_jitter(signals, wrench):

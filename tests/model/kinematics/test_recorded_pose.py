@@ -1,4 +1,4 @@
-"""Kinematics of a recorded pose against those of the arm that made it, and against a pinned-down rotation."""
+"""Kinematics of a recorded pose against those of the arm that produced it, and against a known rotation."""
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ from ftbias_jax.model.kinematics.screws import Motion, rotation_from_vector, sen
 
 
 def entries(arm, q):
-    """Quaternion and position of the sensor; smooth in q, whatever the branch."""
+    """Quaternion and position of the sensor, smooth in q."""
     rotation, position = sensor_pose(arm, q)
     w = jnp.sqrt(1 + jnp.trace(rotation)) / 2
     x = jnp.stack([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
@@ -29,7 +29,7 @@ def rates(of, q, dq, ddq):
 
 @jax.jit
 def motions(arm, mount, length, q, dq, ddq):
-    """That of the body on the arm, and of an arm that ends in the body."""
+    """Motion of the body mounted on the arm, and of an arm that ends in the body."""
 
     def stretched(q):
         pose = entries(arm, q)
@@ -44,7 +44,7 @@ def motions(arm, mount, length, q, dq, ddq):
 
 @pytest.mark.parametrize("length", [1.0, 0.98, -3.0])
 def test_motion_is_that_of_the_arm(moving, length):
-    """For quaternions of any length and sign, and lengths that change on the way."""
+    """This holds for quaternions of any length and sign, and for lengths that change with the motion."""
     arm, q, dq, ddq = moving
     mount = FreeBody(jnp.array([0.03, -0.05, 0.1]), rotation_from_vector(jnp.array([0.4, -0.2, 0.9])))
     got, expected = motions(arm, mount, length, q, dq, ddq)

@@ -1,4 +1,4 @@
-"""Kinematics against the matrix exponential and derivatives by JAX; poses and twists, test_engines.py says."""
+"""Kinematics against the matrix exponential and JAX derivatives; test_engines.py tests poses and twists."""
 
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ CLOSE = {"rtol": 1e-10, "atol": 1e-12}
 
 
 class Kinematics(NamedTuple):
-    """Everything the module computes of one state, and the slope of the Jacobian; compiled once for all arms."""
+    """All quantities of the module for one state, and the derivative of the Jacobian; compiled once for all arms."""
 
     exponentials: tuple[Array, Array]
     products: tuple[Array, Array]
@@ -50,7 +50,7 @@ def kinematics(arm, q, dq, ddq):
 
 @jax.jit
 def rates(arm, q, dq, ddq):
-    """Time derivatives of everything along a motion, the acceleration held."""
+    """Time derivatives of all quantities along a motion of constant acceleration."""
     state = (q, dq, ddq)
     return jax.jvp(lambda *state: kinematics(arm, *state), state, (dq, ddq, jnp.zeros_like(ddq)))[1]
 
@@ -100,7 +100,7 @@ def test_erratum_01_acceleration_is_the_derivative_of_the_twist(arm, seed):
 
 
 def test_erratum_01_the_angular_hessian_is_not_symmetric(moving):
-    """An axis does not move with the joints after it; filled symmetrically, the angular acceleration is wrong."""
+    """Later joints do not move an axis; if filled symmetrically, the matrix gives a wrong angular acceleration."""
     hessian = np.asarray(kinematics(*moving).hessian)
     np.testing.assert_allclose(hessian[:, :3], hessian[:, :3].T, **CLOSE)
     j, k = np.indices(hessian.shape[::2])
@@ -110,7 +110,7 @@ def test_erratum_01_the_angular_hessian_is_not_symmetric(moving):
 
 @given(seed=seeds)
 def test_recursion_equals_the_jacobian_and_hessian_form(arm, seed):
-    """The report's (H dq) dq + J ddq, with the derivative of the Jacobian by JAX."""
+    """The report's (H dq) dq + J ddq, with the derivative of the Jacobian from JAX."""
     _, dq, ddq = state = random_state(seed, arm)
     now = kinematics(arm, *state)
     motion = now.motion
@@ -123,7 +123,7 @@ def test_recursion_equals_the_jacobian_and_hessian_form(arm, seed):
 
 @jax.jit
 def slopes(arm, q, dq, ddq):
-    """Gradient of a sum in which every component of the motion has its own weight."""
+    """Gradient of a sum that weights every component of the motion differently."""
 
     def weighted(*inputs):
         flat, _ = ravel_pytree(screws.sensor_motion(*inputs))

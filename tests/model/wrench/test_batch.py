@@ -1,4 +1,4 @@
-"""Wrenches of many samples at once, and with them the arm's motion, are those of each, in pieces and under vmap."""
+"""Wrenches and motions of many samples in one call equal those of each sample, in pieces and under vmap."""
 
 from functools import partial
 
@@ -78,7 +78,7 @@ def test_they_are_those_of_each_sample_with_their_slopes(params, joints):
     weights = tuple(jnp.asarray(rng.normal(size=(COUNT, 6))) for _ in range(2))
     got = with_slopes(of_states, weights, model, *joints)
     expected = with_slopes(partial(one_by_one, params), weights, model, *joints)
-    # P_qa stands for P_aq too, so its slope has both.
+    # P_qa is also used for P_aq, so its derivative contains both.
     slope = expected[1][2]
     slope = slope.at[:, 0, 2].add(slope[:, 2, 0]).at[:, 2, 0].set(0)
     expected = (expected[0], (*expected[1][:2], slope))

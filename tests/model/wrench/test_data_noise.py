@@ -1,4 +1,4 @@
-"""Sigma_D from physical standard deviations, against the entries of D of many noisy motions; and what it does to R."""
+"""Sigma_D from physical standard deviations, against the entries of D of many noisy motions; and its part of R."""
 
 from functools import partial
 
@@ -23,7 +23,7 @@ from ftbias_jax.setup import parse_setup
 
 
 def test_the_variances_are_those_of_noisy_motions():
-    """Around a sensor at rest: tilted gravity turns a - g by what (g sigma)^2 says, in every axis."""
+    """For a sensor at rest, tilted gravity changes a - g by the variance (|g| sigma)^2 in every axis."""
     rng = np.random.default_rng(0)
     linear, angular, rate, tilt = ([0.3, 0.1, 0.2], [2.0, 1.0, 4.0], [1.0, 2.0, 0.5], [0.02, 0.05, 0.03])
     noise = DataNoise(*map(jnp.array, (linear, angular, rate, tilt)))
@@ -47,7 +47,7 @@ def test_a_setup_states_it():
 
 
 def folded(params):
-    """The same R stated as noise of the sensor alone."""
+    """Parameters with the same R, stated as noise of the sensor alone."""
     bias = params.bias
     R = measurement_covariance(params.theta, bias.data_variance, bias.wrench_variance)
     return params._replace(bias=bias._replace(data_variance=None, wrench_variance=jnp.diagonal(R)))
@@ -55,7 +55,7 @@ def folded(params):
 
 @pytest.mark.parametrize("what", ["likelihood", "smoother"])
 def test_filter_smoother_and_likelihood_take_it_as_noise_of_the_reading(params, samples, what):
-    """By the fast route; that it is the right R, test_tool_wrench.py says."""
+    """This tests the fast route; test_tool_wrench.py tests that R is right."""
     run = {
         "likelihood": lambda p: log_likelihood(p, samples),
         "smoother": lambda p: by_params.smooth_bias(p, samples),
@@ -68,7 +68,7 @@ def test_filter_smoother_and_likelihood_take_it_as_noise_of_the_reading(params, 
 
 
 def test_an_absent_sigma_d_adds_no_operation(params, samples):
-    """The program of the likelihood with None has less in it than one with Sigma_D, and no array of 36."""
+    """The likelihood's program with None is smaller than one with Sigma_D, and has no array of 36."""
 
     def program(p):
         return str(jax.make_jaxpr(partial(log_likelihood, samples=samples))(p))

@@ -1,4 +1,4 @@
-"""Pseudo-inertia and log-Cholesky coordinates against bodies made of point masses."""
+"""Pseudo-inertia and log-Cholesky coordinates against bodies composed of point masses."""
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,7 @@ def points(seed):
 
 
 def parameters_of(masses, places):
-    """(10,) by summing over the points."""
+    """(10,) inertial parameters by summing over the points."""
     tensor = sum(m * ((p @ p) * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, places, strict=True))
     return np.concatenate([[masses.sum()], masses @ places, tensor[UPPER]])
 

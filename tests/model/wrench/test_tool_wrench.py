@@ -1,4 +1,4 @@
-"""The parts of a tool's wrench and its covariance, against dense linear algebra; test_engines.py has its physics."""
+"""The parts of a tool's wrench and its covariance, against dense linear algebra; test_engines.py tests the physics."""
 
 import jax
 import jax.numpy as jnp
@@ -39,7 +39,7 @@ def test_reduced_observation_equals_the_full_one():
 
 
 def test_erratum_06_the_noise_of_the_data_is_counted_once():
-    """R is the variance of (D + n_D) theta - (W + n_W): each live entry's noise enters by its own theta, once."""
+    """R is the variance of (D + n_D) theta - (W + n_W): each live entry's noise enters once, times its own theta."""
     rng = np.random.default_rng(2)
     theta, data_variance, wrench_variance = rng.normal(size=10), rng.uniform(size=36), rng.uniform(size=6)
     expected = np.diag(wrench_variance)
@@ -53,7 +53,7 @@ def test_erratum_06_the_noise_of_the_data_is_counted_once():
 
 
 def test_erratum_11_six_combinations_of_the_noise_parameters_are_determined(params):
-    """42 variances reach R through a map of rank 6, so Sigma_D and Sigma_W cannot be told apart."""
+    """42 variances enter R through a map of rank 6, so Sigma_D and Sigma_W cannot be distinguished."""
     slopes = jax.jacobian(tool_wrench.measurement_covariance, argnums=(1, 2))(
         params.theta, params.bias.data_variance, params.bias.wrench_variance
     )
@@ -71,7 +71,7 @@ def test_erratum_09_unbiased_is_the_reading_plus_the_bias():
 
 @jax.jit
 def sensitivity_and_slopes(params, q, dq, ddq):
-    """joint_sensitivity, and what it approximates: the Jacobians of D theta in q and in ddq."""
+    """joint_sensitivity, and the Jacobians of D theta with respect to q and ddq that it approximates."""
     slopes = jax.jacfwd(lambda q, ddq: predict_wrench(params, jnp.stack([q, dq, ddq], 1))[1], argnums=(0, 1))(q, ddq)
     motion = sensor_motion(params.arm, q, dq, ddq)
     return tool_wrench.joint_sensitivity(params.theta, motion.R_base_sensor, motion.jacobian, params.gravity), slopes

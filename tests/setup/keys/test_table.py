@@ -1,4 +1,4 @@
-"""Tests made from the table of keys: every key is exercised against the parser and against the JSON Schema."""
+"""Tests generated from the table of keys: every key is checked with the parser and with the JSON Schema."""
 
 import copy
 import tomllib
@@ -20,7 +20,7 @@ VALUES = [(section, key) for section, key in KEYS if key_of(f"{section}.{key}").
 NUMERIC = [(section, key) for section, key in VALUES if key_of(f"{section}.{key}").kind in (Kind.NUMBER, Kind.NUMBERS)]
 JOINTS = 1
 
-# Keys that take the place of others, and those they need beside them.
+# Keys that replace others, and the keys that they need beside them.
 CONTEXT = {
     "robot.model": {"robot": {}},
     "robot.joint_names": {"robot": {"model": "panda"}},
@@ -37,7 +37,7 @@ CONTEXT = {
 FILES = {"log": {"files": {"position": "*_joints.csv", "wrench": "*_wrench.csv"}}}
 CONTEXT |= {f"log.files.{key}": FILES for key in SECTIONS["log.files"].keys}
 OF_FILES = ("robot.urdf", "robot.mjcf", "robot.site", "robot.base_link", "robot.tip_link", "tool.from_urdf_link")
-"""Keys that name a URDF or an MJCF, or what is in it: tests/setup/test_urdf.py and test_mjcf.py have them."""
+"""Keys that name a URDF or an MJCF, or something in it; tested in tests/setup/test_urdf.py and test_mjcf.py."""
 
 
 def setup_for(name):
@@ -69,16 +69,16 @@ def good_value(section, key):
 
 
 def parse(tables):
-    """As from a file: with TOML's own types."""
+    """Parse tables as from a file, which has TOML's own types."""
     return parse_setup(tables, "setup.toml")
 
 
 WRITTEN = [(section, key) for section, key in VALUES if section.split(".")[0] != "robot" and "noise_std" not in key]
-"""Arms are written as screws, the noise of a pose in [joints]."""
+"""Keys that are written back: arms are written as screws, and the noise of a pose in [joints]."""
 
 
 def other_value(section, key):
-    """One that is not the default."""
+    """A value other than the default."""
     spec = key_of(f"{section}.{key}")
     if spec.choices or spec.kind is Kind.FLAG:
         return spec.choices[-1] if spec.choices else not spec.default

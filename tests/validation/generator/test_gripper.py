@@ -1,4 +1,4 @@
-"""A gripper of the generator weighs what it carries, and nothing when it is open; what is held stays where it is."""
+"""A gripper of the generator weighs what it carries, and nothing when open; what it holds stays in place."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ TAKES, OFFSET = 0.1, np.array([5e-4, -4e-4, 3e-4])
 
 @pytest.fixture(scope="module")
 def held():
-    """Scene with open fingers, wrench (S, 6), place of the part (S, 3), and when it is taken up and put down."""
+    """Scene with open fingers, wrench (S, 6), position of the part (S, 3), and times of its pick-up and release."""
     hand = random_scene("moves", 14.0, 100.0, 1.0, np.random.SeedSequence(3).spawn(4))
     middle = hand.belief.tool.com + np.array([0, 0, 0.08])
     gripper = Gripper(middle, (0.08, 0.05), 0.01, 40.0, 0.8, PART)
@@ -31,7 +31,7 @@ def test_the_part_is_weighed_and_resists_while_it_is_held(held):
     size = np.linalg.norm(extra[:, :3], axis=1)
     np.testing.assert_allclose(size[inside & ~moving], 0.7 * 9.81, atol=0.3)
     assert np.ptp(size[inside & moving]) > 0.1
-    # Closing fingers push the part to the middle, along x alone.
+    # Closing fingers push the part to the middle, only along x.
     np.testing.assert_allclose(np.median(center[inside], 0), middle + PART.center + [0, *OFFSET[1:]], atol=3e-4)
     assert np.abs(center[inside] - np.median(center[inside], 0)).max() < 3e-4
 

@@ -1,4 +1,4 @@
-"""Pairs of logs of withheld kinds: their plan, what they share, and what their labels say."""
+"""Pairs of logs of withheld kinds: their plan, their common properties, and the meaning of their labels."""
 
 import json
 from collections import Counter
@@ -20,7 +20,7 @@ JOBS = (Job("hose", "viscous", 2.0), Job("sag", "elastic", 0.5), Job("rough_brid
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Three pairs of logs, by the jobs above."""
+    """Three pairs of logs, from the jobs above."""
     path = tmp_path_factory.mktemp("kinds")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(logs, "make_plan", lambda which, count, seed: list(JOBS))
@@ -70,7 +70,7 @@ def test_the_gap_is_as_large_as_asked_and_as_the_extra_wrench(folder):
 
 @pytest.mark.parametrize(("seed", "sign"), [(4, 1), (5, -1)])
 def test_less_its_extra_wrench_a_log_is_what_it_is_without_the_effect(tmp_path, monkeypatch, seed, sign):
-    """Whatever the sign that the sensor reports; the noise is the same, because the seed is."""
+    """This holds for either sign that the sensor reports; the noise is the same, because the seed is."""
     monkeypatch.setattr(logs, "random_scene", lambda *told: with_sign(recording.random_scene(*told), sign))
     kind, nothing = KINDS["hose"], lambda form, parameters, scene: {}
     for name, hooks in (("with", kind.hooks), ("without", nothing)):

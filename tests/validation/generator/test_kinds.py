@@ -1,4 +1,4 @@
-"""The physics of each withheld kind against a formula of its own, in what MuJoCo's sensor reads."""
+"""The physics of each withheld kind, in the reading of MuJoCo's sensors, against an independent formula."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ BOTH = [(name, form) for name, kind in KINDS.items() for form in kind.forms]
 
 @pytest.fixture(scope="module")
 def scene():
-    """Three seconds of brisk motion."""
+    """A scene with three seconds of brisk motion."""
     made = recording.random_scene("sines", 3.0, 250.0, 1.5, np.random.SeedSequence(3).spawn(4))
     assert made.belief.arm.name
     return made
@@ -39,17 +39,17 @@ def made(name, form, scene, scale=1.0):
 
 
 def each(name, scene):
-    """Form, parameters and effect of a kind, one form after the other."""
+    """Form, parameters and effect of a kind, for one form after the other."""
     return ((form, *made(name, form, scene)) for form in KINDS[name].forms)
 
 
 def pushed(one, scene):
-    """(S, 6) what a mechanical effect adds to MuJoCo's reading, on the grid."""
+    """(S, 6) change of MuJoCo's reading by a mechanical effect, on the grid."""
     return wrench(one.world(scene.world), scene.motion, scene.grid) - scene.nominal
 
 
 def reading_of(path, force, point, torque=0.0):
-    """(S, 6) what a force (base frame) at a point (tool frame) and a torque (base frame) take off the sensor."""
+    """(S, 6) change of the reading by a force (base frame) at a point (tool frame) and a torque (base frame)."""
     turned = path.rotation.transpose(0, 2, 1)
     arm = path.rotation @ np.asarray(point, float)
     about = np.cross(arm, force) + torque
@@ -57,7 +57,7 @@ def reading_of(path, force, point, torque=0.0):
 
 
 def in_base(path, seen):
-    """(S, 3) base frame: the force or torque on the tool that makes a reading (S, 3)."""
+    """(S, 3) base frame: the force or torque on the tool that causes a reading (S, 3)."""
     return -np.einsum("tij,tj->ti", path.rotation, seen)
 
 
@@ -87,7 +87,7 @@ def test_no_kind_is_in_a_catalogue_and_its_words_are_known():
 
 @pytest.mark.parametrize(("name", "form"), BOTH)
 def test_parameters_say_all_and_coefficients_are_numbers(scene, name, form):
-    """The same parameters in the same scene make the same effect; nothing but numbers, words and lists is in them."""
+    """Equal parameters in the same scene give the same effect; they contain only numbers, words and lists."""
     parameters, one = made(name, form, scene)
     assert one.name == name
     assert one.form == form
@@ -223,14 +223,14 @@ def test_a_dispenser_loses_weight_and_inertia(scene, path):
 
 
 def rotation_at(angle, scene):
-    """(3, 3) of the tool with the last joint at that angle."""
+    """(3, 3) rotation of the tool with the last joint at that angle."""
     q = np.array([[*scene.belief.arm.home[:-1], angle]])
     return tool_path(scene.world, lambda t: (q, 0 * q, 0 * q), np.zeros(1)).rotation[0]
 
 
 @pytest.mark.parametrize(("name", "form"), [(x, form) for x in ("bundle", "seal") for form in KINDS[x].forms])
 def test_bundle_and_seal_turn_about_the_last_joint(scene, name, form):
-    """Their torque is about a line that the last joint leaves where it is: its work on the other joints is none."""
+    """Their torque is about the axis of the last joint, so it does no work on the other joints."""
     p, one = made(name, form, scene)
     q, dq, _ = scene.motion(scene.grid)
     twist = q[:, -1] - p.get("relaxed", 0)

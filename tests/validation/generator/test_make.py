@@ -1,4 +1,4 @@
-"""The maker of logs: independent of the package, repeatable, and with labels that mean what the catalogue says."""
+"""The maker of logs: independent of the package, repeatable, and with labels in the catalogue's meaning."""
 
 import ast
 import json
@@ -39,15 +39,15 @@ OWN_FORMS = {
     "cable": "world",
     "contact": "half_sine",
 }
-"""The forms that are the catalogue's own."""
+"""The forms that equal those of the catalogue."""
 
 
 PLUMBING = ("ftbias_jax.errors", "ftbias_jax.io.atomic", "ftbias_jax.runtime.executors")
-"""What has no physics in it."""
+"""Modules without physics."""
 
 
 def foreign_imports(source):
-    """Modules of the package and of the scoring, without the plumbing, that a source imports anywhere in it."""
+    """Modules of the package and of the scoring that a source imports anywhere in it, except those without physics."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom):
             names = [f"{node.module}.{alias.name}" for alias in node.names] if node.level == 0 else ["ftbias_jax.up"]
@@ -63,7 +63,7 @@ def foreign_imports(source):
 
 @pytest.mark.parametrize("path", sorted(FOLDER.rglob("*.py")), ids=lambda path: path.name)
 def test_the_maker_shares_nothing_with_the_package(path):
-    """Nor does it name modules in a way that an import cannot be seen."""
+    """It does not name modules in a way that hides an import, either."""
     source = path.read_text()
     assert list(foreign_imports(source)) == []
     assert "import_module" not in source
@@ -93,7 +93,7 @@ def scene(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def package(scene):
-    """The package's reading with one effect; one program for all of them."""
+    """The package's reading with one effect; one compiled program for all effects."""
     signals = scene[1]
     wanted = [name for name in CATALOGUE if name in OWN_FORMS]
     predict = jax.jit(compose.predict)
@@ -131,7 +131,7 @@ def test_without_effects_both_physics_read_the_same(scene, package):
 
 @pytest.mark.parametrize("name", OWN_FORMS)
 def test_a_label_means_to_the_catalogue_what_it_means_to_the_maker(scene, package, tmp_path, name):
-    """The change that the label's parameters make in the package's reading is the change in the maker's."""
+    """The label's parameters change the package's reading as they change the maker's."""
     world = scene[0]
     one = drawn(name, OWN_FORMS[name], world)
     timeline = recording.Timeline(None, velocities=True, temperature_every=0)
@@ -142,7 +142,7 @@ def test_a_label_means_to_the_catalogue_what_it_means_to_the_maker(scene, packag
     change = package(name, values) - package()
     expected = recording.noiseless(world, [one]).wrench - recording.noiseless(world, ()).wrench
     late = world.stamps > 3  # filters, delays and loops begin differently
-    # A constant is the bias's: a loop may begin on either side.
+    # The bias absorbs constants: a loop may begin on either side.
     difference, expected = (x[late] - x[late].mean(0) for x in (change - expected, expected))
     assert np.linalg.norm(difference / world.belief.noise_std) < 0.03 * np.linalg.norm(
         expected / world.belief.noise_std
@@ -151,7 +151,7 @@ def test_a_label_means_to_the_catalogue_what_it_means_to_the_maker(scene, packag
 
 
 def test_vibration_is_as_loud_as_its_label_says(scene):
-    """Noise of each form in the fastest tenth of the log, and the catalogue's variance where it has the form."""
+    """Noise of each form in the fastest tenth of the log, and the catalogue's variance for its own form."""
     world = scene[0]
     white = np.random.default_rng(1).normal(size=(len(world.stamps), 6)) * world.belief.noise_std
     for form in catalogue.LISTED["vibration"][1]:

@@ -24,7 +24,7 @@ CAUSE = {
     "remedy": "",
 }
 BALANCED = {"frequency": 9.0, "damping_ratio": 0.1, "sagging": 0.0}
-"""Springs that do not sag under the weight, which those of MuJoCo do."""
+"""Springs without sag under the weight; those of MuJoCo sag."""
 OTHERS = (("low_pass", {"cutoff": 9.0}), ("tool_flexibility", BALANCED))
 
 

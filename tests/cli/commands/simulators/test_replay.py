@@ -1,4 +1,4 @@
-"""A simulator's whole way: replay, diagnose against it, mend it, validate it on another log."""
+"""The workflow for a simulator: replay, diagnose against it, correct it, validate it on another log."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Terms against mechanics written out naively, by NumPy and by JAX."""
+"""Terms against mechanics written out naively, with NumPy and with JAX."""
 
 import jax
 import jax.numpy as jnp
@@ -40,7 +40,7 @@ def a_term(drive, form, frame="base", acts_as="force", joint=0, coefficients=(1.
 
 
 def some_term(form) -> Term:
-    """A term of any form, with every column in use."""
+    """A term of any form that uses every column."""
     numbers = {p.name: np.clip(0.7, p.least, p.most) for p in form.parameters}
     frame, acts_as = ("sensor", "wrench") if form.kind == "channels" else ("base", "force")
     joint = 3 if form.drive.startswith("joint") else 0

@@ -1,4 +1,4 @@
-"""The sections [[effects.term]]: read, refused with field and remedy, and written back."""
+"""The sections [[effects.term]] are read, refused with field and remedy, and written back."""
 
 import numpy as np
 import pytest
