@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from ftbias_jax.check.check_setup import require_right
-from ftbias_jax.diagnosis.evidence.causes import Answer, causes_of, doubt_by, in_order, is_sure, ranking_of
-from ftbias_jax.diagnosis.evidence.estimates import correlations, with_nominal
+from ftbias_jax.diagnosis.evidence.causes import Answer, causes_of, doubt_by, in_order, is_sure, with_statements
+from ftbias_jax.diagnosis.evidence.estimates import correlations
 from ftbias_jax.diagnosis.evidence.gap import CrossValidation, compare, is_closed, is_quiet, measure_gap, verdict_of
 from ftbias_jax.diagnosis.problem import Problem, make_problem
 from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead, to_values
 from ftbias_jax.diagnosis.regression.coordinates import why_not_fitted
 from ftbias_jax.diagnosis.regression.fit import Fit
-from ftbias_jax.diagnosis.report.sentence import headline, no_free_motion, note
+from ftbias_jax.diagnosis.report.sentence import disagreement, headline, no_free_motion, note
 from ftbias_jax.diagnosis.report.series import show, where
 from ftbias_jax.diagnosis.result import Candidate, Diagnosis, FoundTerm
 from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, together
@@ -156,15 +156,16 @@ def explain(
         answer, verdict, causes = _without_causes(answer)._replace(terms=()), "unknown", ()
     of_tool, of_reading = stderr_beside(setup, problem, answer.accepted)
     causes = tuple(with_stderr_of_tool(problem, cause, answer.accepted, of_tool) for cause in causes)
-    causes, ranking = (
-        tuple(with_nominal(problem, candidate) for candidate in some) for some in (causes, ranking_of(answer))
-    )
+    causes, ranking = with_statements(answer, causes)
     place = where(problem, before, tuple(dict.fromkeys(cause.stage for cause in causes)))
+    by_log = compare(problem, names, answer.accepted if causes else base, before, answer.after)
+    if disagreeing := disagreement(by_log):
+        verdict = "partly_explained"
     diagnosis = Diagnosis(
         verdict=verdict,
         sentence=no_free_motion(answer.gap, max(problem.durations))
         if pushed
-        else headline(verdict, answer.gap, in_order(answer, causes), ranking, place),
+        else disagreeing or headline(verdict, answer.gap, in_order(answer, causes), ranking, place),
         causes=causes,
         candidates=ranking,
         gap=answer.gap,
@@ -173,7 +174,7 @@ def explain(
         series=show(problem, base, answer.accepted, before, answer.after),
         logs=tuple(names),
         repairs=tuple((*log.repairs, *part.remarks) for log, part in zip(logs, problem.parts, strict=True)),
-        by_log=compare(problem, names, answer.accepted if causes else base, before, answer.after),
+        by_log=by_log,
         setup_name=Path(setup.path).name,
         own_effects=setup.own_effects,
         terms=answer.terms,

@@ -103,11 +103,11 @@ def findings(facts: Facts, clipped: bool = True, stuck: bool = True, held: Colle
     repeats, joints, speeds, breaks = facts.glitches
     out = " left out" if "q" in held else ""
     if len(repeats):
-        what = f"{STREAMS['q']} still now and then, and have moved on at the next reading: {len(repeats)}{out}"
+        what = f"{STREAMS['q']} stale now and then while they move: {len(repeats)}{out}"
         found.append(Repair(what))
     for name, t in (("q", joints), ("dq", speeds)):
         if len(t):
-            what = f"{STREAMS[name]} where no arm can be, {_times(t)}: {len(t)} readings{out}"
+            what = f"{STREAMS[name]} implausible, {_times(t)}: {len(t)} readings{out}"
             found.append(Repair(what, lost=bool(out)))
     if len(breaks):
         what = f"the joint positions are discontinuous {_times(breaks)}: samples are missing there"

@@ -101,6 +101,29 @@ def test_a_sensor_that_is_mounted_upside_down(truth):
     assert (np.abs(miss) < 4 * found.rotation_stderr).all()
 
 
+@pytest.mark.parametrize("mounting", [False, True])
+def test_a_sensor_that_is_not_where_it_is_stated(truth, mounting):
+    """Without its place, the missing centimetres are part of the inertia, and the error bars do not contain that."""
+    wanted = np.array([0.02, -0.03, 0.05])  # m, sensor axes
+    R = np.asarray(truth.arm.zero_rotation)
+    moved = truth._replace(arm=truth.arm._replace(zero_position=truth.arm.zero_position - R @ wanted))
+    start = with_light_tool(moved)
+    if mounting:  # by a quarter turn too: the lever arm is reported in the axes of the stated sensor
+        quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        start, wanted = start._replace(arm=start.arm._replace(zero_rotation=R @ quarter.T)), quarter @ wanted
+    log = log_of(truth)
+    found = identify.identify(start, log, mounting=mounting, translation=True)
+    check_tool(found, truth)
+    assert found.has_lever
+    assert (np.abs(found.lever - wanted) < 4 * found.lever_stderr).all()
+    assert (found.lever_stderr < 2e-3).all()
+    assert (found.model_stderr > 0).all()
+    if not mounting:
+        without = identify.identify(start, log)
+        assert (np.abs(without.values - sheet(truth.theta)) > 5 * without.stderr).any()
+        assert not without.model_stderr.any()
+
+
 def test_a_robot_that_stands_still_says_nothing_about_inertia(truth):
     """In a single pose a bias of any size explains all of gravity."""
     start = truth._replace(

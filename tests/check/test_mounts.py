@@ -59,10 +59,10 @@ def test_what_a_log_cannot_tell_apart_is_told_together():
     (first,) = found.findings
     assert first.mistake == "sign"
     assert "sensor_axes" in {other.mistake for other in first.alike}
-    assert "or, which this motion cannot tell apart: " in str(found)
+    assert "or, indistinguishable in this motion: " in str(found)
     (told,) = found.as_dict()["findings"]
     assert [other["mistake"] for other in told["alike"]] == [other.mistake for other in first.alike]
-    with pytest.raises(ft.SetupError, match="cannot tell apart"):
+    with pytest.raises(ft.SetupError, match="indistinguishable in this motion"):
         found.require_ok("tune")
 
 

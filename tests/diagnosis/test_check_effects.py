@@ -56,7 +56,7 @@ JOINT = Parameter("joint", "1", "whose", (), 1, 7, 1.0, 0.0, search=True)
         (entry(lambda v, s, w: w + jnp.log(v["size"]) * 0), "at neutral the reading is NaN or infinite"),
         (
             entry(lambda v, s, w: w + jnp.sqrt(v["size"]), SIZE._replace(lower=0)),
-            "size: the reading cannot be differentiated",
+            "size: its derivative of the reading is not finite",
         ),
         (entry(lambda v, s, w: w + v["size"] if v["size"] > 0 else w), "use jnp.where instead of if"),
         (entry(lambda v, s, w: w + np.sin(v["size"])), "jnp instead of numpy"),

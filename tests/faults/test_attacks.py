@@ -361,7 +361,7 @@ def test_logs_that_no_memory_holds_are_not_begun(logs, capsys, command):
 
 
 HOSTILE = {
-    "types within types": ("A a", "types within types without end"),
+    "types within types": ("A a", "a recursive definition, or types nested too deeply"),
     "a line that is no field": ("?" * 100, "has a definition with the line"),
     "far too long": ("float64 x\n" * 40_000, "has a definition of 400000 characters"),
     "more numbers than there are bytes": (

@@ -86,9 +86,9 @@ def test_joints_where_no_arm_can_have_been_are_left_out_with_their_speeds():
     assert not np.isnan(cleaned.wrench).any()
     told = {repair.what: repair.lost for repair in cleaned.repairs}
     assert told == {
-        "the joints repeat a stale reading while they move: 2 left out": False,
-        "the joints have implausible jumps at 0.0, 2.8, 2.8 s: 3 readings left out": True,
-        "the velocities are where no arm can be, at 3.6 s: 1 readings left out": True,
+        "the joints are stale now and then while they move: 2 left out": False,
+        "the joints are implausible, at 0.0, 2.8, 2.8 s: 3 readings left out": True,
+        "the velocities are implausible, at 3.6 s: 1 readings left out": True,
     }
 
 

@@ -95,7 +95,9 @@ def test_effects_of_joints_are_refused_with_the_reason(name):
     setup = pose_setup()
     typical = {"encoder_offset": {"joint": 2, "offset": 0.01}, "cable": {"stiffness": 10, "rest_length": 0.1}}
     typical["cable"]["anchor"] = [0, 0, 1]
-    with pytest.raises(ft.UsageError, match=rf"effects: {name}: does not go with \[sensor_pose\]: it is of the joints"):
+    with pytest.raises(
+        ft.UsageError, match=rf"effects: {name}: does not go with \[sensor_pose\]: it acts on the joints"
+    ):
         ft.simulate(setup, {name: {}}, duration=1, rate=50)
     with pytest.raises(ft.SetupError, match=rf"effects.{name}: does not go with \[sensor_pose\]"):
         params_from_setup(pose_setup(tables={"effects": {name: typical[name]}}))

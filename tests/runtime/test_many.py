@@ -56,6 +56,6 @@ def test_there_must_be_a_log(executor):
 def test_a_log_whose_workers_are_lost_has_an_error():
     assert do_each(inverse, [1, 2], Lost()) == [None, None]
     (error,) = results_of(str, ["a.npz"], Lost()).errors.values()
-    assert str(error).startswith("a.npz: its workers were lost again and again")
-    with pytest.raises(UsageError, match=r"^executor: its workers were lost"):
+    assert str(error).startswith("a.npz: its workers died repeatedly")
+    with pytest.raises(UsageError, match=r"^executor: its workers died"):
         do_all(inverse, [1, 2], Lost())

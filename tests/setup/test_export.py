@@ -10,9 +10,10 @@ import pytest
 
 from ftbias_jax.cli.main import main
 from ftbias_jax.errors import OutputError, SetupError, UsageError
+from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.setup import load_setup, parse_setup
 from ftbias_jax.setup.export import FORMATS, export_text
-from ftbias_jax.setup.export.payload import ExportOptions
+from ftbias_jax.setup.export.payload import OF_TOOL, ExportOptions
 
 SETUP = {
     "robot": {"model": "ur5e"},
@@ -224,11 +225,26 @@ def test_an_export_says_where_it_comes_from_and_what_it_leaves_out(tmp_path):
     digest = hashlib.sha256((tmp_path / "setup.toml").read_bytes()).hexdigest()
     for name in ("ur", "ros", "ft_calib"):
         assert f"from setup.toml, sha256 {digest}" in export_text(setup, name)
-    heavier = replace(setup, effects={"tool_mass": {"mass": 1.0}}, comments={"tool.mass": "identified ± 0.01"})
-    text = export_text(heavier, "ur")
+    lagging = replace(setup, effects={"low_pass": {"cutoff": 6.0}}, comments={"tool.mass": "identified ± 0.01"})
+    text = export_text(lagging, "ur")
     assert "# tool.mass: identified ± 0.01" in text
-    assert "# not in these numbers: the effects of the setup (tool_mass)" in text
+    assert "# not in these numbers: the effects of the setup (low_pass)" in text
     assert "the setup states no bias" in export_text(setup_with(bias={"initial": [0.0] * 6}), "ros")
+
+
+def test_the_tool_that_effects_state_is_exported():
+    """As ``diagnose --apply`` writes it: the payload of [tool] would be the wrong one."""
+    values = {"mass": 1.2, "center_of_mass": [0.01, 0.0, 0.05], "inertia": [2e-3, 0.0, 0.0, 2e-3, 0.0, 1e-3]}
+    effects = {effect: {key: values[key]} for effect, key in OF_TOOL.items()}
+    for effect, key in OF_TOOL.items():
+        assert [parameter.name for parameter in CATALOGUE[effect].parameters] == [key]
+    for name in set(FORMATS) - {"franka"}:
+        stated, found = (
+            export_text(each, name) for each in (setup_with(tool=values), replace(setup_with(), effects=effects))
+        )
+        assert [line for line in found.splitlines() if not line.startswith("#")] == [
+            line for line in stated.splitlines() if not line.startswith("#")
+        ]
 
 
 def test_the_command_and_the_method_write_the_same(tmp_path, monkeypatch, capsys):

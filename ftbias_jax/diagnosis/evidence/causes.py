@@ -11,7 +11,7 @@ import numpy as np
 
 from ftbias_jax.diagnosis import thresholds
 from ftbias_jax.diagnosis.candidates import Scored
-from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters
+from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters, with_nominal
 from ftbias_jax.diagnosis.evidence.gap import CrossValidation, HeldOut, gap_removed, nats_of_joints
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
@@ -181,6 +181,36 @@ def twins_of(problem: Problem, base: Fit, accepted: Fit, cause: Hypothesis, scor
         ):
             twins[other.hypothesis.effect] = None
     return tuple(twins)[: thresholds.MOST_TWINS]
+
+
+def with_statements(answer: Answer, causes: Sequence[Candidate]) -> tuple[tuple[Candidate, ...], tuple[Candidate, ...]]:
+    """Causes with the values that the setup states, in sentences; and likewise the ranking of all candidates."""
+    causes, ranking = (
+        tuple(with_nominal(answer.problem, candidate) for candidate in some) for some in (causes, ranking_of(answer))
+    )
+    return tuple(_with_other_joints(answer.problem, cause, ranking) for cause in causes), ranking
+
+
+def _with_other_joints(problem: Problem, cause: Candidate, ranking: Sequence[Candidate]) -> Candidate:
+    """A cause at one joint with the other joints at which it explains the logs as well, as where axes are parallel."""
+    alike = [one for one in ranking if one.effect == cause.effect and "joint" in one.parameters]
+    own = next((one for one in alike if one.title == cause.title), None)
+    if own is None:
+        return cause
+
+    def is_as_good(one: Candidate) -> bool:
+        lost = problem.duration * (one.behind - own.behind)
+        error = problem.duration * float(np.nan_to_num(np.fmax(one.behind_stderr, own.behind_stderr)))
+        close = one.held_out_gain > thresholds.CLOSE * own.held_out_gain
+        return close and lost < max(thresholds.ALIKE * error, thresholds.LEAST_DIFFERENCE)
+
+    others = [f"{one.parameters['joint']:.0f}" for one in alike if one is not own and is_as_good(one)]
+    if not others:
+        return cause
+    words = f"or joint {' or '.join(others)}, which explains the log as well"
+    return cause._replace(
+        explanation=f"{cause.explanation}; {words}", statement=cause.statement and f"{cause.statement} ({words})"
+    )
 
 
 def doubt_of(problem: Problem, found: Fit, h: Hypothesis) -> str:

@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 
-from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap, Where
+from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap, LogGap, Where
 from ftbias_jax.setup.require import is_draft
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES
@@ -44,6 +44,22 @@ def headline(
         if len(text.split()) <= MOST_WORDS:
             break
     return text
+
+
+def disagreement(by_log: Sequence[LogGap]) -> str:
+    """The headline of logs that do not share their causes; "" = they may.
+
+    What explains several logs together must not add more than the noise to the error of any of them.
+    """
+    worse = [log for log in by_log if log.after_sigmas**2 - log.before_sigmas**2 > 1]
+    if not worse:
+        return ""
+    errors = (f"of {log.name} from {log.before_sigmas:.2g} to {log.after_sigmas:.2g} noise sigmas" for log in worse)
+    odd = max(by_log, key=lambda log: log.before_sigmas).name
+    return (
+        f"The logs do not share one cause: what explains them together raises the error {_and(errors)}. "
+        f"Diagnose them one by one, {odd} first; do not apply this."
+    )
 
 
 def no_free_motion(gap: Gap, seconds: float) -> str:
@@ -122,8 +138,8 @@ def _what_to_do(found: Sequence[Found]) -> tuple[str, ...]:
     for end in (";", ":", ","):
         if len(first.split()) > FEW_WORDS:
             first = first.split(end)[0]
-    alone = "Add the cause to the setup (--apply)."
-    return (f"{_capital(first)}, or let the model know (--apply).", f"{_capital(first)}.", alone) if first else (alone,)
+    alone = "Add it with --apply."
+    return (f"{_capital(first)}, or add it with --apply.", f"{_capital(first)}.", alone) if first else (alone,)
 
 
 def _sizes(gap: Gap) -> tuple[list[float], str]:

@@ -7,7 +7,8 @@ import hashlib
 import json
 import os
 import tomllib
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,6 +39,19 @@ class ExportOptions(NamedTuple):
 
 
 DEFAULT = ExportOptions()
+OF_TOOL = {"tool_mass": "mass", "tool_com": "center_of_mass", "tool_inertia": "inertia"}
+"""Effect -> its parameter, which replaces the key of [tool] with the same name."""
+
+
+def with_tool_of_effects(setup: Setup) -> Setup:
+    """The setup with the tool that its effects state, as a diagnosis writes them, in [tool]."""
+    found = {key: setup.effects[effect][key] for effect, key in OF_TOOL.items() if effect in setup.effects}
+    if not found:
+        return setup
+    values: dict[str, Any] = {key: np.asarray(x, float) if np.ndim(x) else float(x) for key, x in found.items()}
+    rest = {name: effect for name, effect in setup.effects.items() if name not in OF_TOOL}
+    comments = {**setup.comments, **{f"tool.{key}": "of the setup's effects" for key in found}}
+    return replace(setup, tool=replace(setup.tool, **values), effects=rest, comments=comments)
 
 
 def heading(setup: Setup) -> list[str]:

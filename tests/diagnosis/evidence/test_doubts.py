@@ -79,12 +79,12 @@ AN_ARM = (AN_ARM / np.where(OFF, SIZE, 1))[OFF]
 @pytest.mark.parametrize(
     ("leaks", "beside", "of_gains", "words"),
     [
-        (A_TURN, "tool_com", 0.0, "a turn by (1.15, 0.00, 0.00) degrees"),
+        (A_TURN, "tool_com", 0.0, "a rotation by (1.15, 0.00, 0.00) degrees"),
         (A_TURN, "mount_rotation", 0.0, ""),
-        (AN_ARM, "mount_rotation", 0.0, "an arm of (0, 0, 0.03) m"),
+        (AN_ARM, "mount_rotation", 0.0, "a lever arm of (0, 0, 0.03) m"),
         (AN_ARM, "tool_com", 0.0, ""),
         (np.arange(30.0), "gain", 0.0, ""),
-        (np.arange(30.0), "gain", 0.99, "channels whose gains are wrong"),
+        (np.arange(30.0), "gain", 0.99, "wrong gains of channels"),
     ],
 )
 def test_crosstalk_that_makes_up_a_turn_an_arm_or_gains_is_doubtful(monkeypatch, leaks, beside, of_gains, words):

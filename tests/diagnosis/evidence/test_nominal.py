@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from ftbias_jax.diagnosis.evidence import causes
 from ftbias_jax.diagnosis.evidence.estimates import with_nominal
 from ftbias_jax.diagnosis.report.html import to_html
 from ftbias_jax.diagnosis.report.tables import to_table
@@ -61,3 +62,18 @@ def test_table_and_page_show_both_values_with_their_unit(make_diagnosis, make_ca
     html = to_html(diagnosis, "a log")
     assert "in the setup" in html
     assert "<td>0.73 kg</td><td>0.8134 ± 0.0041 kg</td>" in html
+
+
+def test_other_joints_that_explain_as_much_are_named(make_candidate):
+    """Axes 2 to 4 of most arms are parallel: which of their encoders is off, many a motion leaves open."""
+
+    def at(joint, behind, gain):
+        return make_candidate("encoder_offset", gain, parameters={"joint": joint, "offset": 0.01}, behind=behind)
+
+    known, ranking = SimpleNamespace(duration=30.0), [at(4.0, 0.0, 2.0), at(3.0, 0.01, 1.99), at(1.0, 1.5, 0.5)]
+    cause = ranking[0]._replace(statement="Joint 4 reads too much")
+    found = causes._with_other_joints(known, cause, ranking)
+    assert found.statement == "Joint 4 reads too much (or joint 3, which explains the log as well)"
+    assert "or joint 3, which" in found.explanation
+    assert causes._with_other_joints(known, cause, ranking[::2]) == cause
+    assert causes._with_other_joints(known, make_candidate(), ranking) == make_candidate()

@@ -117,7 +117,7 @@ def test_velocities_that_do_not_follow_are_not_used_and_that_is_told():
         params = max_likelihood_params(setup, samples_from_log(log._replace(dq=0.9 * log.dq)))
     assert (params.joint.velocity_std >= UNUSED).all()
     (said,) = remark_of_joints(setup, params)
-    assert said.what.startswith("joint velocities are late")
+    assert said.what.startswith("joint velocities lag")
 
 
 @pytest.mark.parametrize("wide", [True, False])

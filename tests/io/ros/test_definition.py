@@ -72,9 +72,9 @@ def test_the_least_bytes_of_a_type():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("A a", "types within types without end"),
-        (f"B b{RULE}MSG: a/B\nA a", "types within types without end"),
-        (RULE.join(["T1 t", *(f"MSG: a/T{i}\nT{i + 1} t" for i in range(1, 60))]), "types within types without end"),
+        ("A a", "types nested too deeply"),
+        (f"B b{RULE}MSG: a/B\nA a", "types nested too deeply"),
+        (RULE.join(["T1 t", *(f"MSG: a/T{i}\nT{i + 1} t" for i in range(1, 60))]), "types nested too deeply"),
         ("Other x", "lacks the type 'a/Other'"),
         ("???", r"with the line '\?\?\?'"),
         (f"float64 x{RULE}no title", "a type has no name"),

@@ -97,7 +97,7 @@ def test_frames_that_are_not_there_are_named(tmp_path, poses, section, words):
 
 def test_frames_in_a_circle_are_refused(tmp_path, poses):
     messages = [*published(poses, ("a", "b"), "/tf"), *published(poses, ("b", "a"), "/tf")[60:]]
-    with pytest.raises(LogError, match="go in a circle"):
+    with pytest.raises(LogError, match="form a cycle"):
         read_log(recordings.write(tmp_path, "mcap", messages), pose_setup(frame="a"))
 
 

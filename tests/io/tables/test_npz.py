@@ -38,7 +38,7 @@ def member(shape, data=b""):
         ("wrench", {}, "wrench", "no wrench data"),
         ("t", {}, "t_joints", "there is no time"),
         ("t", {"t_joints": np.arange(T)}, "t_wrench", "but no t_wrench"),
-        ("dq", {"t_joints": np.arange(T)}, "t", "stands beside t_joints"),
+        ("dq", {"t_joints": np.arange(T)}, "t", "is given together with t_joints"),
     ],
 )
 def test_missing_or_contradicting_arrays_are_named(tmp_path, setup, remove, add, field, what):
