@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.draft.evidence import ToolEstimate, weigh
+from ftbias_jax.io.draft.evidence import LEAST_SAMPLES, MOST_SAMPLES, ToolEstimate, weigh
 from ftbias_jax.io.draft.robot import Keys
 from ftbias_jax.io.draft.table import Table
 from ftbias_jax.io.log import Log
@@ -30,6 +30,11 @@ ALIKE = 0.8
 NEAR = 1.25
 """Factor by which these magnitudes may differ."""
 
+UNUSUAL = {"sensor_pose.conjugate", "log.wrench_axes"}
+"""Keys of conventions other than the usual one."""
+LEAST_TURN = 0.05
+"""Mean square change of the least changing base axis in the sensor frame, below which gravity's direction is open."""
+
 Read = Callable[[Keys], tuple[Setup, Log]]
 """Reads the log with further keys."""
 
@@ -37,7 +42,8 @@ Read = Callable[[Keys], tuple[Setup, Log]]
 def best_reading(ways: Iterator[Keys], read: Read) -> tuple[Keys, ToolEstimate] | None:
     """Convention with the smallest force residual, and the tool it shows; the usual one unless another is much better.
 
-    None if no convention lets the motion show the tool's weight.
+    With the usual axes, gravity may have any direction: with other axes the constant bias would turn like a weight, and
+    explain a base that is not level. None if no convention lets the motion show the tool's weight.
     """
     best: tuple[Keys, ToolEstimate] | None = None
     for keys in ways:
@@ -47,10 +53,38 @@ def best_reading(ways: Iterator[Keys], read: Read) -> tuple[Keys, ToolEstimate] 
             if not best:
                 raise
             continue
-        found = weigh(log.t, sensor_rotations(log.t, log.q, setup), setup.robot.gravity, log.wrench)
-        if found and (best is None or found.residual < BETTER * best[1].residual):
-            best = keys, found
+        rotations, tried = sensor_rotations(log.t, log.q, setup), [(keys, setup.robot.gravity)]
+        down = None if keys.keys() & UNUSUAL else likely_gravity(rotations, log.wrench)
+        if down is not None:
+            gravity = [round(float(x), 3) + 0.0 for x in down * np.linalg.norm(setup.robot.gravity)]
+            words = "the base is not level: by the direction of the weight, if the sensor reports the usual sign"
+            tried.append(({**keys, "robot.gravity": Known(gravity, words)}, np.array(gravity)))
+        for further, gravity in tried:
+            found = weigh(log.t, rotations, gravity, log.wrench)
+            if found and (best is None or found.residual < BETTER * best[1].residual):
+                best = further, found
     return best
+
+
+def likely_gravity(rotations: Array, wrench: Array) -> Array | None:
+    """Direction (3,) of gravity in base axes, by least squares of weight and a constant; None if it is undetermined.
+
+    Args:
+        rotations: (T, 3, 3) sensor frame in the base frame.
+        wrench: (T, 6) N, Nm, as the sensor reports it, with the usual sign.
+    """
+    rows = np.flatnonzero(np.isfinite(wrench).all(1) & np.isfinite(rotations).all((1, 2)))
+    rows = rows[:: max(1, len(rows) // MOST_SAMPLES)]
+    if len(rows) < LEAST_SAMPLES:
+        return None
+    turned = rotations[rows].swapaxes(1, 2)
+    turned, force = turned - turned.mean(0), wrench[rows, :3] - wrench[rows, :3].mean(0)
+    normal = np.einsum("tij,tik->jk", turned, turned)
+    if np.linalg.eigvalsh(normal)[0] < len(rows) * LEAST_TURN:
+        return None
+    weight = np.linalg.solve(normal, np.einsum("tij,ti->j", turned, force))
+    size = np.linalg.norm(weight)
+    return -weight / size if size > 0 else None
 
 
 def ways_of(table: Table) -> Iterator[Keys]:

@@ -211,6 +211,8 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
     noise = quietest_noise(log.t, log.wrench, rotations)
     unseen = "static poses do not show it" if static else "the log has no stretch of rest that shows it"
     notes = [] if noise else [f"the sensor's noise is a guess: {unseen}"]
+    if tilted := keys.get("robot.gravity"):
+        notes.append(f"robot.gravity {tilted.value}: {tilted.remark}")
     if noise:
         keys["sensor.noise_std"] = Known(*noise)
     found = weigh(log.t, rotations, setup.robot.gravity, log.wrench, log.rezeroed_at)

@@ -172,7 +172,9 @@ def tool_keys(found: ToolEstimate | None, is_stated: bool) -> tuple[Keys, list[s
         "tool.center_of_mass_std": Known([float(f"{x:.2g}") for x in found.center_stderr], "for the error bars"),
     }
     if found.mass < 0:
-        keys["sensor.reports"] = Known("wrench_on_sensor", "because the weight has the opposite sign")
+        why = "because the weight has the opposite sign; not if the base hangs upside down (robot.gravity up instead)"
+        keys["sensor.reports"] = Known("wrench_on_sensor", why)
+        words += "; its sign is the opposite of the usual one, or the base hangs upside down: see sensor.reports"
     return keys, [f"weighed by the log: {words}"]
 
 

@@ -3,9 +3,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ftbias_jax.cli.main import main
+from ftbias_jax.io.draft.conventions import likely_gravity
 from ftbias_jax.io.draft.evidence import weigh
 from ftbias_jax.io.pose import arm_rotations
-from ftbias_jax.setup import parse_setup
+from ftbias_jax.setup import load_setup, parse_setup
 
 SETUP = parse_setup({"robot": {"model": "ur5e"}, "sensor": {"noise_std": [0.1, 0.004]}})
 
@@ -72,3 +74,28 @@ def test_an_hour_of_motion_is_no_series_of_static_poses():
     wrench = np.hstack([0.9 * weight, np.zeros((36000, 3))]) + 0.1 * rng.normal(size=(36000, 6))
     whole, few = (weigh(t[::step], turned.as_matrix()[::step], SETUP.robot.gravity, wrench[::step]) for step in (1, 8))
     assert few.mass_stderr == pytest.approx(np.sqrt(3600 / 4500) * whole.mass_stderr, rel=0.05)
+
+
+@pytest.mark.parametrize("gravity", [[0.0, 9.81, 0.0], [0.0, -4.905, -8.496], [0.0, 0.0, -9.81]])
+def test_a_base_on_a_wall_or_a_slope_is_drafted_with_its_gravity(tmp_path, capsys, gravity):
+    """Otherwise a constant bias that turns with a wrench in base axes would stand for the weight."""
+    rng, down = np.random.default_rng(1), np.array(gravity)
+    turns = Rotation.random(24, random_state=2)
+    weight = -1.35 * turns.inv().apply(down)
+    torque = np.cross([0.012, -0.008, 0.071], weight)
+    wrench = np.column_stack([weight, torque]) + [3.1, -5.2, 8.4, 0.12, -0.33, 0.08] + rng.normal(size=(24, 6)) * 0.02
+    header = "qx,qy,qz,qw,fx,fy,fz,tx,ty,tz"
+    np.savetxt(
+        tmp_path / "poses.csv", np.column_stack([turns.as_quat(), wrench]), "%.9g", ",", header=header, comments=""
+    )
+    assert main(["setup", str(tmp_path / "poses.csv"), "-o", str(tmp_path / "setup.toml")]) == 0
+    setup = load_setup(tmp_path / "setup.toml", with_tool=True)
+    np.testing.assert_allclose(setup.robot.gravity, down, atol=0.05)
+    assert setup.tool.mass == pytest.approx(1.35, abs=0.02)
+    assert setup.sensor.reports == "wrench_on_tool"
+    assert ("the base is not level" in capsys.readouterr().out) == (gravity[2] != -9.81)
+
+
+def test_gravity_has_no_direction_where_the_sensor_turns_about_one_axis():
+    turns = Rotation.from_rotvec(np.linspace(0, 3, 50)[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+    assert likely_gravity(turns, np.ones((50, 6))) is None
