@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ftbias_jax.calibration.identify import Identified, identify
+from ftbias_jax.calibration.identify import Identified
 from ftbias_jax.calibration.identify_poses import PoseReport, identify_poses
 from ftbias_jax.calibration.tool.channels import Channels, channels_in_words, find_channels, with_channels
 from ftbias_jax.calibration.tool.physical import NAMES, UNITS
+from ftbias_jax.calibration.tool.place import identify_with_place
 from ftbias_jax.calibration.tool.steady import SteadyBias, steady_bias
 from ftbias_jax.calibration.tool.steps import Step, find_steps, is_gained, with_steps
 from ftbias_jax.check.check_setup import require_right
@@ -87,9 +88,9 @@ class IdentifyResult:
         if self.gravity:
             lines.append(f"gravity {with_errors(found.gravity, found.gravity_stderr)} m/s^2")
         if found.has_lever:
-            what = "turns at a distance" if _is_orientation(self.setup) else "is beyond its stated place on the flange"
+            what = "turns at a distance" if _is_orientation(self.setup) else "is off its stated place on the flange by"
             axes = "sensor axes" if self.setup.pose is None else "mount's axes"
-            lines.append(f"the sensor {what}: {with_errors(found.lever, found.lever_stderr)} m, {axes}")
+            lines.append(f"the sensor {what} {with_errors(found.lever, found.lever_stderr)} m, {axes}")
         if self.channels is not None:
             lines += channels_in_words(self.channels)
         lines.append(f"bias at the end: {with_errors(found.bias[:3], found.bias_stderr[:3])} N")
@@ -111,14 +112,14 @@ def identify_tool(
     gravity: bool = False,
     bias: bool = False,
     crosstalk: bool = False,
+    translation: bool | None = None,
     unchecked: bool = False,
     progress: Callable[[str], None] = silent,
 ) -> IdentifyResult:
     """Identify the tool's mass, centre of mass and inertia, physically consistent, jointly with the bias.
 
-    What the motion does not determine keeps the value of the setup; ``tool.remarks`` and ``print`` state this for each
-    parameter. Computes in float64 whatever JAX's setting is, and keeps compiled programs in the user's cache folder
-    (``FTBIAS_CACHE=off`` disables it).
+    What the motion does not determine keeps the setup's value; ``tool.remarks`` states this for each parameter. Computes
+    in float64, and keeps compiled programs in the user's cache folder (``FTBIAS_CACHE=off`` disables it).
 
     Args:
         setup: setup with robot, sensor, noise, and a tool to start from, or its path; the tool's mass and centre of
@@ -127,11 +128,11 @@ def identify_tool(
             ``read_poses``; or the path of either.
         mounting: also identify the rotation of the sensor on the flange, by any angle.
         gravity: also identify the direction of gravity in the base frame; its magnitude is kept.
-        bias: also write the bias, with its standard error, into the setup: the prior of logs recorded next, as long as
-            the sensor is not zeroed. It is constant, and those logs begin without drift, unless a drift is clearly
-            likelier and predicts the readings better; then it is the bias at the end.
+        bias: also write the bias, with its standard error, as the prior of logs recorded before the sensor is zeroed: a
+            constant one, or that at the end if a drift is clearly likelier and predicts the readings better.
         crosstalk: also identify the gains of the sensor's channels and the crosstalk between them, as effects of the
             setup, if held-out blocks of the log are likelier with them. Not from static poses.
+        translation: also identify the place of the sensor on the flange; None = if it is open in a drafted setup.
         unchecked: skip the check whether the setup can be right (``check_setup``).
         progress: called with the name of each stage as it begins.
 
@@ -139,9 +140,8 @@ def identify_tool(
         the identified setup, with values in kg, m, kg m^2 about the centre of mass, sensor axes.
 
     Raises:
-        SetupError: the log shows that more than the tool is wrong in the setup. LogError: the log is in units or frames
-            that no setup states, or of an arm at rest.
-        UsageError: crosstalk is asked for with static poses.
+        SetupError: the log shows that more than the tool is wrong in the setup. UsageError: crosstalk of static poses.
+        LogError: the log is in units or frames that no setup states, or of an arm at rest.
     """
     setup = as_setup(setup)
     log = as_motion(log, setup)
@@ -153,7 +153,8 @@ def identify_tool(
         raise UsageError("gains and crosstalk are not found from static poses", field="crosstalk", remedy=remedy)
     progress("checking the setup")
     require_right(setup, [log], "identify", unchecked, looked_for=("sensor_axes",) if mounting else ())
-    given, setup = setup, with_guessed_tool(setup)
+    translation = (has_open_place(setup) and not _is_orientation(setup)) if translation is None else translation
+    given, setup = setup.tool, with_guessed_tool(setup)
     progress("fitting the tool")
     if isinstance(log, Poses):
         found, report = identify_poses(setup, log, mounting, gravity)
@@ -165,7 +166,7 @@ def identify_tool(
         def fit(log: Log) -> Identified:
             samples = params_for_log.useful_samples(log, params)
             samples = pad(samples, params_for_log.padded_length(len(log.t)))  # logs of different lengths share programs
-            return identify(params, samples, options, mounting, gravity, has_open_place(given))
+            return identify_with_place(params, samples, options, mounting, gravity, translation)
 
         found = fit(log)
         if jumps := find_steps(log.t, found.left[: len(log.t)]):
@@ -182,7 +183,7 @@ def identify_tool(
             known = np.nan_to_num(found.stderr)
             tool = replace(of_tool.tool, mass_std=known[0], center_of_mass_std=known[1:4])
             found = found._replace(bias=steady.value, bias_stderr=steady.std_with_tool(tool))
-    if guessed := guessed_parameters(given.tool, found.remarks):
+    if guessed := guessed_parameters(given, found.remarks):
         remarks = tuple(NOT_STATED if guess else remark for guess, remark in zip(guessed, found.remarks, strict=True))
         found = found._replace(values=np.where(guessed, np.nan, found.values), remarks=remarks)
     comments = {**setup.comments, **_comments(setup, found, mounting, gravity, bias)}

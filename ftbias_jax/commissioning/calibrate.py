@@ -74,9 +74,10 @@ class _Context(NamedTuple):
     worker: ThreadPoolExecutor
     """Computes what is needed next if the step under evaluation is kept, or if nothing more is found."""
 
-    def tool_ahead(self, setup: Setup) -> tuple[Setup, Future[IdentifyResult]]:
+    def tool_ahead(self, setup: Setup, translation: bool | None = None) -> tuple[Setup, Future[IdentifyResult]]:
         """Start to identify the tool of a setup in the background."""
-        return setup, self.worker.submit(identify_tool, setup, longest(self.begun), unchecked=True)
+        log = longest(self.begun)
+        return setup, self.worker.submit(identify_tool, setup, log, translation=translation, unchecked=True)
 
 
 class _State(NamedTuple):
@@ -182,7 +183,8 @@ def _run_steps(road: _Context, setup: Setup, start: Setup) -> tuple[_State, _Sta
         road.progress("filtering with the setup as given")
         # Crosstalk or a term would otherwise absorb the effect of a wrong tool.
         tool_first = has_tool and start.tool is not setup.tool
-        ahead = road.tool_ahead(start) if tool_first else None
+        # The place of the sensor comes after the causes: a delay looks like a lever arm, too.
+        ahead = road.tool_ahead(start, translation=False) if tool_first else None
         judged = judge(start if setup.tool.unknown else setup, road.whole, road.hold_out)
         state = first = _State(start, judged, (), ahead=ahead)
         if tool_first:

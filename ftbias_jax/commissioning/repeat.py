@@ -35,7 +35,9 @@ def repeat(
     try:
         for step, later in zip(kept, [*(step.kind for step in kept[1:]), ""], strict=True):
             if step.kind in (FIRST, TOOL, CHANNELS):
-                found = identify_tool(setup, longest(logs), crosstalk=step.kind == CHANNELS, unchecked=True).setup
+                place = False if step.kind == FIRST else None
+                crosstalk, log = step.kind == CHANNELS, longest(logs)
+                found = identify_tool(setup, log, crosstalk=crosstalk, translation=place, unchecked=True).setup
                 setup = loosened(found, setup) if step.kind == FIRST else as_uncertain(found, beside)
             elif step.kind == NOISE:
                 setup = replace(setup, pose=reached.pose)

@@ -52,7 +52,8 @@ def is_draft(setup: Setup) -> bool:
 
 def has_open_place(setup: Setup) -> bool:
     """Return whether the place of the sensor on the flange is not stated, in a setup whose tool is a draft, too."""
-    return not setup.sensor.translation.any() and (bool(setup.tool.unknown) or is_draft(setup))
+    stated = setup.sensor.translation.any() or "mount_translation" in setup.effects
+    return not stated and (bool(setup.tool.unknown) or is_draft(setup))
 
 
 def with_guessed_tool(setup: Setup) -> Setup:
