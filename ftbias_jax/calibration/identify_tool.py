@@ -118,16 +118,15 @@ def identify_tool(
 ) -> IdentifyResult:
     """Identify the tool's mass, centre of mass and inertia, physically consistent, jointly with the bias.
 
-    What the motion does not determine keeps the setup's value; ``tool.remarks`` states this for each parameter. Computes
-    in float64, and keeps compiled programs in the user's cache folder (``FTBIAS_CACHE=off`` disables it).
+    What the motion does not determine keeps the setup's value, as ``tool.remarks`` states. Computes in float64, and keeps
+    compiled programs in the user's cache folder (``FTBIAS_CACHE=off`` disables it).
 
     Args:
-        setup: setup with robot, sensor, noise, and a tool to start from, or its path; the tool's mass and centre of
-            mass may be left out.
+        setup: setup with robot, sensor, noise, and a tool to start from, which may be left out; or its path.
         log: log of free motion that turns the wrist, as returned by ``read_log``; or readings at rest, as returned by
             ``read_poses``; or the path of either.
         mounting: also identify the rotation of the sensor on the flange, by any angle.
-        gravity: also identify the direction of gravity in the base frame; its magnitude is kept.
+        gravity: also identify the direction of gravity in the base frame.
         bias: also write the bias, with its standard error, as the prior of logs recorded before the sensor is zeroed: a
             constant one, or that at the end if a drift is clearly likelier and predicts the readings better.
         crosstalk: also identify the gains of the sensor's channels and the crosstalk between them, as effects of the

@@ -168,7 +168,8 @@ def calibrate(
     final, events = without_events(final, setup)
     if bias:
         progress("taking the bias of the longest log")
-        final = replace(final, bias=identify_tool(final, longest(logs), bias=True, unchecked=True).setup.bias)
+        found = identify_tool(final, longest(logs), bias=True, translation=False, unchecked=True)
+        final = replace(final, bias=found.setup.bias)
     seconds = time.monotonic() - begin
     return Calibrated(final, state.steps, rows, state.found, tuple(log.repairs for log in whole), seconds, events)
 
