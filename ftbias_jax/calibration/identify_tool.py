@@ -118,8 +118,8 @@ def identify_tool(
 ) -> IdentifyResult:
     """Identify the tool's mass, centre of mass and inertia, physically consistent, jointly with the bias.
 
-    What the motion does not determine keeps the setup's value, as ``tool.remarks`` states. Computes in float64, and keeps
-    compiled programs in the user's cache folder (``FTBIAS_CACHE=off`` disables it).
+    What the motion does not determine keeps the setup's value, and has a remark in ``tool.remarks``. Computes in
+    float64, and keeps compiled programs in the user's cache folder (``FTBIAS_CACHE=off`` disables it).
 
     Args:
         setup: setup with robot, sensor, noise, and a tool to start from, which may be left out; or its path.
