@@ -19,6 +19,9 @@ from ftbias_jax.setup.rotations import skew, vector_from_rotation
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
+TOUCHED, FEWEST, MOST_TOUCHED = 8.0, 12, 0.2
+"""Robust standard deviations by which a touched pose is off what the others predict; poses that must remain; and the
+share that may be left out."""
 CENTER_STD = 0.3
 """m, prior standard deviation of the centre of mass about the stated one; wide for any tool."""
 
@@ -37,12 +40,38 @@ class PoseReport(NamedTuple):
     """(4,) mass in kg and centre of mass in m by plain least squares with a constant bias."""
     plain_left_out: np.ndarray
     """(2,) N, Nm: the same errors with plain least squares."""
+    touched: tuple[tuple[int, float, float], ...] = ()
+    """Number of each pose that was left out, from 1, and N, Nm by which it is off what the others predict."""
 
 
 def identify_poses(
     setup: Setup, poses: Poses, mounting: bool = False, gravity: bool = False
 ) -> tuple[Identified, PoseReport]:
-    """Fit mass, centre of mass and bias to readings at rest, optionally mounting and gravity; the inertia is kept."""
+    """Fit mass, centre of mass and bias to readings at rest, optionally mounting and gravity; the inertia is kept.
+
+    A pose in which something touched the tool is left out: one reading off by newtons would move mass and drift.
+    """
+    kept, touched = np.arange(len(poses.t)), list[tuple[int, float, float]]()
+    found, report, errors = _fit(setup, poses, mounting, gravity)
+    while len(kept) > FEWEST and len(touched) < MOST_TOUCHED * len(poses.t):
+        worst = int((np.abs(errors) / _scale(errors)).max(1).argmax())
+        fewer = np.delete(kept, worst)
+        rest = poses._replace(t=poses.t[fewer], q=poses.q[fewer], wrench=poses.wrench[fewer])
+        without = _fit(setup, rest, mounting, gravity)
+        if (np.abs(errors[worst]) / _scale(without[2])).max() < TOUCHED:
+            break
+        touched.append((int(kept[worst]) + 1, *np.linalg.norm(errors[worst].reshape(2, 3), axis=1).tolist()))
+        kept, (found, report, errors) = fewer, without
+    return found, report._replace(touched=tuple(sorted(touched)))
+
+
+def _scale(errors: Array) -> Array:
+    """(6,) robust standard deviations of errors (N, 6)."""
+    return 1.4826 * np.median(np.abs(errors), 0) + 1e-12
+
+
+def _fit(setup: Setup, poses: Poses, mounting: bool, gravity: bool) -> tuple[Identified, PoseReport, Array]:
+    """The fit to all of these poses, and (N, 6) N, Nm by which each is off what the others predict."""
     axes = _rotations(setup, poses)
     down, tool = np.asarray(setup.robot.gravity), setup.tool
     s = -np.einsum("nji,j->ni", axes, down)
@@ -66,7 +95,29 @@ def identify_poses(
         plain=np.array([plain.mass, *plain.first_moment / plain.mass]),
         plain_left_out=_rms(plain.left_out),
     )
-    return _identified(setup, found, kept, mounting, gravity), report
+    return _identified(setup, found, kept, mounting, gravity), report, plain.left_out
+
+
+def pose_lines(report: PoseReport) -> list[str]:
+    """Lines about how well static poses are predicted, and about the result of plain least squares."""
+    drift = "constant bias"
+    if report.drift.any():
+        drift = f"bias drifting by {report.drift[0]:.2g} N, {report.drift[1]:.2g} Nm from pose to pose"
+    mass, *center = report.plain
+    where = " ".join(f"{1e3 * x:.2f}" for x in center)
+    gains = "the axes of force disagree on the mass, by gains that differ or by a drift"
+    more = [f"{gains}: errors are enlarged {report.enlarged:.2g} times"] if report.enlarged > 1 else []
+    for pose, force, torque in report.touched:
+        more.append(f"pose {pose} is left out: {force:.2g} N, {torque:.2g} Nm off what the others predict, touched?")
+    return [
+        *more,
+        f"{report.poses} static poses, {drift}; each predicted from the others: {_errors(report.left_out)}",
+        f"plain least squares: {mass:.4f} kg, centre of mass {where} mm, {_errors(report.plain_left_out)}",
+    ]
+
+
+def _errors(rms: np.ndarray) -> str:
+    return f"rms {rms[0]:.3g} N, {rms[1]:.2g} Nm"
 
 
 def _identified(setup: Setup, found: Estimate, kept: Array, mounting: bool, gravity: bool) -> Identified:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ftbias_jax.calibration.identify import Identified
-from ftbias_jax.calibration.identify_poses import PoseReport, identify_poses
+from ftbias_jax.calibration.identify_poses import PoseReport, identify_poses, pose_lines
 from ftbias_jax.calibration.tool.channels import Channels, channels_in_words, find_channels, with_channels
 from ftbias_jax.calibration.tool.physical import NAMES, UNITS
 from ftbias_jax.calibration.tool.place import identify_with_place
@@ -268,26 +268,6 @@ def motion_lines(found: Identified, steps: Sequence[Step]) -> list[str]:
             "(ftbias diagnose)"
         )
     return lines + [f"the reading jumps on {step}: {WHY_IT_JUMPS}" for step in steps]
-
-
-def pose_lines(report: PoseReport) -> list[str]:
-    """Lines about how well static poses are predicted, and about the result of plain least squares."""
-    drift = "constant bias"
-    if report.drift.any():
-        drift = f"bias drifting by {report.drift[0]:.2g} N, {report.drift[1]:.2g} Nm from pose to pose"
-    mass, *center = report.plain
-    where = " ".join(f"{1e3 * x:.2f}" for x in center)
-    gains = "the axes of force disagree on the mass, by gains that differ or by a drift"
-    more = [f"{gains}: errors are enlarged {report.enlarged:.2g} times"] if report.enlarged > 1 else []
-    return [
-        *more,
-        f"{report.poses} static poses, {drift}; each predicted from the others: {_errors(report.left_out)}",
-        f"plain least squares: {mass:.4f} kg, centre of mass {where} mm, {_errors(report.plain_left_out)}",
-    ]
-
-
-def _errors(rms: np.ndarray) -> str:
-    return f"rms {rms[0]:.3g} N, {rms[1]:.2g} Nm"
 
 
 def plain_errors(values: np.ndarray) -> str:

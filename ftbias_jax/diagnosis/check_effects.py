@@ -1,6 +1,7 @@
 """Check of user-defined effects: whether they can be simulated, filtered and diagnosed; one sentence per fault."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import lru_cache, partial
 from typing import Any
 
@@ -17,6 +18,7 @@ from ftbias_jax.diagnosis.regression.coordinates import (
     values_at,
     why_not_fitted,
 )
+from ftbias_jax.errors import FtbiasError, UsageError
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import CATALOGUE, neutral_values, typical_values
 from ftbias_jax.model.effects.fitting import Entries, Grid, Linear, Starts
@@ -62,6 +64,23 @@ def check_effects(effects: Sequence[Any]) -> list[str]:
         faults += [fault] if fault else [f"effect {effect.name!r}: {words}" for words in _faults(effect, effects)]
         known |= {effect.name} if isinstance(effect, Effect) else set()
     return faults
+
+
+@contextmanager
+def faults_named(effects: Sequence[Any]) -> Iterator[None]:
+    """Context in which an exception raised by faulty effects becomes one that names the fault.
+
+    Raises:
+        UsageError: an exception was raised, and one of the effects has a fault.
+    """
+    try:
+        yield
+    except FtbiasError:
+        raise
+    except Exception as error:  # the caller's code may raise anything
+        if faults := check_effects(effects):
+            raise UsageError(faults[0], field="effects", remedy="run ftbias effects check FILE.py") from error
+        raise
 
 
 def _faults(effect: Effect, effects: Sequence[Any]) -> list[str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ftbias_jax.check.check_setup import require_right
+from ftbias_jax.diagnosis.check_effects import faults_named
 from ftbias_jax.diagnosis.evidence.causes import Answer, causes_of, doubt_by, in_order, is_sure, with_statements
 from ftbias_jax.diagnosis.evidence.estimates import correlations
 from ftbias_jax.diagnosis.evidence.gap import CrossValidation, compare, is_closed, is_quiet, measure_gap, verdict_of
@@ -86,10 +87,11 @@ def diagnose(
 
     Raises:
         SetupError, LogError: the logs show a mistake of units, signs or frames, have no wrench, or fit nothing.
-        UsageError: no log, or an unknown effect.
+        UsageError: no log, an unknown effect, or a faulty effect of your own.
     """
     setup = as_setup(setup, effects)
-    return explain(setup, as_logs(logs, setup, raw=True), names, without, unchecked, progress)[0]
+    with faults_named(setup.own_effects):
+        return explain(setup, as_logs(logs, setup, raw=True), names, without, unchecked, progress)[0]
 
 
 def explain(

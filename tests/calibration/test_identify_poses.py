@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import ftbias_jax as ft
 from ftbias_jax.calibration.identify import KEPT
@@ -131,3 +132,24 @@ def test_a_wrong_setup_is_refused_before_a_tool_is_fitted_to_it(mistake, sign, u
     with pytest.raises(ft.SetupError, match=f"{mistake}: .*--unchecked"):
         ft.identify_tool(setup, poses)
     assert ft.identify_tool(setup, poses, unchecked=True).tool.converged
+
+
+@pytest.mark.parametrize("touched", [9, 23])
+def test_a_pose_that_was_touched_is_named_and_left_out(touched):
+    """Also the last one, after which the bias would seem to have drifted."""
+    setup, _, _ = recorded()
+    rotations = Rotation.random(24, random_state=3).as_matrix()
+    wrench, others = readings(rotations), np.delete(np.arange(24), touched)
+    clean = ft.identify_tool(
+        setup, ft.Poses.from_arrays(setup, wrench[others], orientation=rotations[others], t=100.0 * others)
+    )
+    wrench[touched] += [0, 9, 12, 0.5, 0, 0]
+    found = ft.identify_tool(setup, ft.Poses.from_arrays(setup, wrench, orientation=rotations, t=100.0 * np.arange(24)))
+    ((pose, force, torque),) = found.poses.touched
+    assert pose == touched + 1
+    assert force == pytest.approx(15, rel=0.1)
+    assert torque == pytest.approx(0.5, rel=0.2)
+    np.testing.assert_allclose(found.tool.values, clean.tool.values, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found.tool.bias, clean.tool.bias, rtol=1e-6)
+    assert f"pose {touched + 1} is left out: " in str(found)
+    assert clean.poses.touched == ()

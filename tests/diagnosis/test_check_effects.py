@@ -6,7 +6,8 @@ import numpy as np
 import own_effects
 import pytest
 
-from ftbias_jax.diagnosis.check_effects import check_effects
+import ftbias_jax as ft
+from ftbias_jax.diagnosis.check_effects import check_effects, faults_named
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.types import Effect, Parameter, Twin
 from ftbias_jax.model.own_effects import load_effects
@@ -118,3 +119,12 @@ def test_the_effect_of_the_how_to_page_is_in_order(tmp_path):
 @pytest.mark.parametrize("name", ["gain", "tool_mass", "time_delay", "gravity_tilt", "crosstalk"])
 def test_smooth_effects_of_the_catalogue_would_pass_under_another_name(name):
     assert check_effects([CATALOGUE[name]._replace(name="own")]) == []
+
+
+def test_a_diagnosis_that_fails_by_an_own_effect_names_it(setup, record):
+    """Whatever the caller's code raises, the error is one line that says which effect it was."""
+    broken = entry(lambda v, s, w: w + v["strenght"])
+    with pytest.raises(ft.UsageError, match=r"effects: effect 'own': its code raises KeyError"):
+        ft.diagnose(setup, record(None), effects=[broken], unchecked=True)
+    with pytest.raises(ZeroDivisionError), faults_named(()):
+        1 / 0  # noqa: B018

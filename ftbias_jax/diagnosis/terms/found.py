@@ -115,9 +115,10 @@ def found_term(term: Term, errors: np.ndarray, text: str, statement: str, gain: 
 
 def _rms(term: Term, gap: Gap, share: float) -> str:
     """Rms of a term's part of the reading, derived from its share of the gap, with its unit."""
-    group, unit = (slice(3, 6), "Nm") if term.acts_as == "torque" else (slice(0, 3), "N")
-    removed = np.maximum(gap.before_rms[group] ** 2 - gap.noise_floor[group] ** 2, 0)
-    return f"{np.sqrt(share * np.nanmean(removed)):.2g} {unit}"
+    removed = np.maximum(gap.before_rms**2 - gap.noise_floor**2, 0).reshape(2, 3)
+    sizes = np.nanmean(removed / gap.noise_floor.reshape(2, 3) ** 2, 1)
+    kind = {"force": 0, "torque": 1}.get(term.acts_as, int(np.nanargmax(sizes)))
+    return f"{np.sqrt(share * np.nanmean(removed[kind])):.2g} {('N', 'Nm')[kind]}"
 
 
 def _curve(problem: Problem, state: State, fit: Fit, term: Term) -> Curve:

@@ -30,7 +30,7 @@ DRIVE_WORDS = {
     ),
     "temperature": Words(
         ("warm gauges", "gauges whose gain depends on the temperature", "a warm side of the sensor", "a heated tool"),
-        "record the temperature at the sensor, and a log at rest while it warms",
+        "record a log at rest while the sensor warms, and keep heat away from one side of it",
         "warm the sensor while the robot rests",
     ),
     "position": Words(

@@ -70,7 +70,9 @@ def read_files(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = Fa
 
 
 def unknown_format(file: str) -> LogError:
-    """Error for a file whose suffix is not that of a log."""
+    """Error for a file whose suffix is not that of a log, or for a folder that is not there."""
+    if not (native.suffix_of(file) or exists(file)):
+        return LogError("cannot be read: No such file or directory", file=file, remedy="check the path")
     *most, last = (*native.TABLES, *SUFFIXES)
     remedy = f"give a log that ends in {', '.join(most)} or {last}, or a ROS 2 bag's folder"
     return LogError(f"unknown format {native.suffix_of(file)!r}", file=file, remedy=remedy)
