@@ -132,17 +132,16 @@ def identify(
     found = shown.judge(parts, x, prior, stated[4:])
     has_lever = len(x) > OF_LEVER.start and shown.predicts_unseen(parts, found, OF_LEVER)
     linear = first.moved(physical.parameters_at(found.x)) if only_theta else model(found.x)
-    measured = np.isfinite(np.asarray(samples.wrench)).any(1)
+    wrench = np.asarray(samples.wrench)
 
-    def readings(z: np.ndarray) -> np.ndarray:
-        return np.asarray(_readings(jnp.asarray(z), params, joints.mean, samples))[measured]
+    def left(z: np.ndarray) -> np.ndarray:
+        return wrench - np.asarray(_readings(jnp.asarray(z), params, joints.mean, samples))
 
-    return _identified(params, quarter, linear, found, dt, mounting, gravity, readings)._replace(
-        excess=float(np.sqrt(2 * _cost(linear) / np.isfinite(np.asarray(samples.wrench)).sum())),
+    return _identified(params, quarter, linear, found, dt, stated, mounting, gravity, left)._replace(
+        excess=float(np.sqrt(2 * _cost(linear) / np.isfinite(wrench).sum())),
         gain=(_cost(first) - _cost(linear)) / found.dispersion,
         converged=converged,
         has_lever=has_lever,
-        left=np.asarray(samples.wrench) - np.asarray(_readings(jnp.asarray(linear.at), params, joints.mean, samples)),
     )
 
 
@@ -164,9 +163,10 @@ def _identified(
     linear: Linear,
     found: shown.Shown,
     dt: np.ndarray,
+    stated: np.ndarray,
     mounting: bool,
     gravity: bool,
-    readings: Callable[[np.ndarray], np.ndarray],
+    left_at: Callable[[np.ndarray], np.ndarray],
 ) -> Identified:
     x, std = jnp.asarray(found.x), found.prior.std
     slope = physical.jacobian_of_physical(found.x)
@@ -178,7 +178,6 @@ def _identified(
     normal = slope.T @ honest.information @ slope + np.diag(std**-2.0)
     covariance = innovation_regression.covariance(tempered, dt, normal)
     to_sheet = np.asarray(physical.jacobian_of_data_sheet(x))
-    stated = without_round_off(physical.data_sheet(params.theta))
     values = np.asarray(physical.data_sheet(jnp.asarray(linear.at[:10])))
     stderr = np.sqrt(np.diag(to_sheet @ covariance @ to_sheet.T))
     mass = stated[0] if "mass" in found.kept else values[0]
@@ -190,13 +189,19 @@ def _identified(
     to_bias = linear.bias_slopes.T @ slope
     bias_variance = found.dispersion * linear.bias_variance + np.einsum("ap,pq,aq->a", to_bias, covariance, to_bias)
     free = np.flatnonzero(std[10:] > FIXED) + 10
-    model_stderr = _stderr_of_reading(covariance, free, linear.at, readings) if len(free) else np.zeros(6)
+    left = left_at(linear.at)
+    model_stderr = np.zeros(6)
+    if len(free):
+        rows, steps = np.isfinite(left).any(1), _steps(covariance, free, linear.at)
+        columns = np.stack([(left_at(linear.at + step) - left)[rows] for step in steps])
+        model_stderr = innovation_regression.stderr_of_reading(columns, np.eye(len(free)))
     missing = max(0, OF_GRAVITY.stop - len(x))  # rotations that are not fitted are zero, without error
     at, covariance = np.pad(linear.at, (0, missing)), np.pad(covariance, (0, missing))
     down, to_down = (np.asarray(x) for x in _gravity_and_jacobian(params.gravity, jnp.asarray(at[OF_GRAVITY])))
     rotation_stderr = np.sqrt(np.diag(covariance)[10:13])
-    lever_stderr = np.sqrt(np.diag(covariance)[OF_LEVER])
-    to_stated = np.eye(3) if isinstance(params.arm, FreeBody) else quarter
+    lever, lever_stderr = linear.at[OF_LEVER], np.sqrt(np.diag(covariance)[OF_LEVER])
+    if len(lever) and not isinstance(params.arm, FreeBody):
+        lever, lever_stderr = quarter @ lever, np.abs(quarter) @ lever_stderr
     gravity_stderr = np.sqrt(np.diag(to_down @ covariance[OF_GRAVITY, OF_GRAVITY] @ to_down.T))
     unexcited = [name for name, remark in zip(NAMES, remarks, strict=True) if remark in (KEPT, PULLED)]
     if mounting:
@@ -216,9 +221,10 @@ def _identified(
         rotation_stderr=rotation_stderr,
         gravity=down,
         gravity_stderr=gravity_stderr,
-        lever=to_stated @ linear.at[OF_LEVER] if len(x) > OF_LEVER.start else linear.at[OF_LEVER],
-        lever_stderr=np.abs(to_stated) @ lever_stderr if len(x) > OF_LEVER.start else lever_stderr,
+        lever=lever,
+        lever_stderr=lever_stderr,
         model_stderr=model_stderr,
+        left=left,
         condition=shown.condition(linear.information, physical.tool_units(linear.at[0])),
         unexcited=unexcited,
         remarks=remarks,
@@ -227,19 +233,13 @@ def _identified(
     )
 
 
-def _stderr_of_reading(
-    covariance: np.ndarray, free: np.ndarray, at: np.ndarray, readings: Callable[[np.ndarray], np.ndarray]
-) -> np.ndarray:
-    """(6,) N, Nm due to the coordinates (k,) ``free`` of a fit at z (P,), given all others, whose errors are reported
-    with the tool."""
+def _steps(covariance: np.ndarray, free: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """(k, P) uncorrelated steps, a standard deviation long, of coordinates (k,) of a fit at z (P,) given all others."""
     given = np.setdiff1d(np.arange(len(covariance)), free)
-    beside = covariance[np.ix_(free, given)]
-    own = covariance[np.ix_(free, free)] - beside @ np.linalg.solve(covariance[np.ix_(given, given)], beside.T)
-    variance, directions = np.linalg.eigh(own)
+    variance, directions = np.linalg.eigh(innovation_regression.conditional(covariance, free, given))
     steps = np.zeros((len(free), len(at)))
     steps[:, free] = (directions * np.sqrt(np.maximum(variance, 0))).T
-    there = readings(at)
-    return np.sqrt(sum(((readings(at + step) - there) ** 2).mean(0) for step in steps))
+    return steps
 
 
 def _remark(name: str, found: shown.Shown, open_: tuple[str, ...]) -> str:

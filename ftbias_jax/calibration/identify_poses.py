@@ -11,6 +11,7 @@ from ftbias_jax.calibration.tool.mounting import likely_rotation
 from ftbias_jax.calibration.tool.physical import FIXED, NAMES, theta_of, tool_units
 from ftbias_jax.calibration.tool.shown import condition, undetermined
 from ftbias_jax.calibration.tool.static import Estimate, Problem, estimate, weight_columns
+from ftbias_jax.filtering.noise.fit_noise import MAD
 from ftbias_jax.io.tables.poses import Poses
 from ftbias_jax.model.kinematics.recorded_pose import motion_of
 from ftbias_jax.model.params import params_from_setup
@@ -51,13 +52,13 @@ def identify_poses(
 
     A pose in which something touched the tool is left out: one reading off by newtons would move mass and drift.
     """
-    kept, touched = np.arange(len(poses.t)), list[tuple[int, float, float]]()
-    found, report, errors = _fit(setup, poses, mounting, gravity)
+    kept, touched, axes = np.arange(len(poses.t)), list[tuple[int, float, float]](), _rotations(setup, poses)
+    found, report, errors = _fit(setup, poses, axes, mounting, gravity)
     while len(kept) > FEWEST and len(touched) < MOST_TOUCHED * len(poses.t):
         worst = int((np.abs(errors) / _scale(errors)).max(1).argmax())
         fewer = np.delete(kept, worst)
         rest = poses._replace(t=poses.t[fewer], q=poses.q[fewer], wrench=poses.wrench[fewer])
-        without = _fit(setup, rest, mounting, gravity)
+        without = _fit(setup, rest, axes[fewer], mounting, gravity)
         if (np.abs(errors[worst]) / _scale(without[2])).max() < TOUCHED:
             break
         touched.append((int(kept[worst]) + 1, *np.linalg.norm(errors[worst].reshape(2, 3), axis=1).tolist()))
@@ -67,12 +68,14 @@ def identify_poses(
 
 def _scale(errors: Array) -> Array:
     """(6,) robust standard deviations of errors (N, 6)."""
-    return 1.4826 * np.median(np.abs(errors), 0) + 1e-12
+    return MAD * np.median(np.abs(errors), 0) + 1e-12
 
 
-def _fit(setup: Setup, poses: Poses, mounting: bool, gravity: bool) -> tuple[Identified, PoseReport, Array]:
-    """The fit to all of these poses, and (N, 6) N, Nm by which each is off what the others predict."""
-    axes = _rotations(setup, poses)
+def _fit(
+    setup: Setup, poses: Poses, axes: Array, mounting: bool, gravity: bool
+) -> tuple[Identified, PoseReport, Array]:
+    """The fit to all of these poses, whose ``_rotations`` are ``axes``, and (N, 6) N, Nm by which each is off what the
+    others predict."""
     down, tool = np.asarray(setup.robot.gravity), setup.tool
     s = -np.einsum("nji,j->ni", axes, down)
     std = np.asarray(setup.sensor.noise_std)

@@ -98,7 +98,7 @@ def _without_outliers(params: Params, logs: WrenchLogs) -> WrenchLogs:
         start = pipeline.init(params, log.samples)
         inputs = stages.bias_inputs(params, start, log.samples, log.wrench_tool, variance, log.velocity)
         innovation, spread = innovations(bias_model(inputs.density), inputs)
-        wild = jnp.abs(innovation[:, 0]) > OUTLIER_STD * jnp.sqrt(spread[:, 0])
-        return log.samples._replace(wrench=jnp.where(wild, jnp.nan, log.samples.wrench))
+        outlier = jnp.abs(innovation[:, 0]) > OUTLIER_STD * jnp.sqrt(spread[:, 0])
+        return log.samples._replace(wrench=jnp.where(outlier, jnp.nan, log.samples.wrench))
 
     return logs._replace(samples=jax.vmap(kept)(logs))

@@ -18,7 +18,7 @@ from ftbias_jax.diagnosis.regression.coordinates import (
     values_at,
     why_not_fitted,
 )
-from ftbias_jax.errors import FtbiasError, UsageError
+from ftbias_jax.errors import FtbiasError, LogError, UsageError
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import CATALOGUE, neutral_values, typical_values
 from ftbias_jax.model.effects.fitting import Entries, Grid, Linear, Starts
@@ -67,11 +67,12 @@ def check_effects(effects: Sequence[Any]) -> list[str]:
 
 
 @contextmanager
-def faults_named(effects: Sequence[Any]) -> Iterator[None]:
-    """Context in which an exception raised by faulty effects becomes one that names the fault.
+def typed_errors(effects: Sequence[Any]) -> Iterator[None]:
+    """Context in which an exception raised by faulty effects, or by a singular linear system, becomes a typed error.
 
     Raises:
         UsageError: an exception was raised, and one of the effects has a fault.
+        LogError: a linear system has no solution.
     """
     try:
         yield
@@ -80,7 +81,11 @@ def faults_named(effects: Sequence[Any]) -> Iterator[None]:
     except Exception as error:  # the caller's code may raise anything
         if faults := check_effects(effects):
             raise UsageError(faults[0], field="effects", remedy="run ftbias effects check FILE.py") from error
-        raise
+        if not isinstance(error, np.linalg.LinAlgError):
+            raise
+        message = f"the log cannot be diagnosed, because a linear system is singular: {error}"
+        remedy = "check its values with ftbias info: a stream may be constant, or far beyond its range"
+        raise LogError(message, remedy=remedy) from error
 
 
 def _faults(effect: Effect, effects: Sequence[Any]) -> list[str]:

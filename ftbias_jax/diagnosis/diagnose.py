@@ -1,16 +1,21 @@
 """Diagnosis of logs: examine samples, search causes, judge them on held-out blocks, and report what is certain."""
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from ftbias_jax.check.check_setup import require_right
-from ftbias_jax.diagnosis.check_effects import faults_named
+from ftbias_jax.diagnosis.check_effects import typed_errors
 from ftbias_jax.diagnosis.evidence.causes import Answer, causes_of, doubt_by, in_order, is_sure, with_statements
 from ftbias_jax.diagnosis.evidence.estimates import correlations
-from ftbias_jax.diagnosis.evidence.gap import CrossValidation, compare, is_closed, is_quiet, measure_gap, verdict_of
+from ftbias_jax.diagnosis.evidence.gap import (
+    CrossValidation,
+    compare,
+    is_closed,
+    is_quiet,
+    measure_gap,
+    verdict_of,
+    worsened,
+)
 from ftbias_jax.diagnosis.problem import Problem, make_problem
 from ftbias_jax.diagnosis.regression import fit as fits
 from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead, to_values
@@ -30,7 +35,7 @@ from ftbias_jax.diagnosis.terms.spectra import fast_lines
 from ftbias_jax.diagnosis.terms.wander import is_all, wander_of, wander_term
 from ftbias_jax.diagnosis.thresholds import AS_WELL, USEFUL_SHARE
 from ftbias_jax.diagnosis.tool_first import Searched, search_causes, stderr_beside, with_stderr_of_tool
-from ftbias_jax.errors import LogError, UsageError
+from ftbias_jax.errors import UsageError
 from ftbias_jax.filtering.quality.at_rest import rest_in_words, weight_in_bias
 from ftbias_jax.io import GivenLog, as_logs, names_of
 from ftbias_jax.io.cleaning import Facts, clean, slices, survey, without_long_pauses
@@ -47,19 +52,7 @@ from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup import GivenSetup, Setup, as_setup
 
 
-@contextmanager
-def _typed_errors() -> Iterator[None]:
-    """Raise a LogError where a linear system has no solution."""
-    try:
-        yield
-    except np.linalg.LinAlgError as error:
-        message = f"the log cannot be diagnosed, because a linear system is singular: {error}"
-        remedy = "check its values with ftbias info: a stream may be constant, or far beyond its range"
-        raise LogError(message, remedy=remedy) from error
-
-
 @in_float64
-@_typed_errors()
 def diagnose(
     setup: GivenSetup,
     logs: GivenLog | Iterable[GivenLog],
@@ -90,7 +83,7 @@ def diagnose(
         UsageError: no log, an unknown effect, or a faulty effect of your own.
     """
     setup = as_setup(setup, effects)
-    with faults_named(setup.own_effects):
+    with typed_errors(setup.own_effects):
         return explain(setup, as_logs(logs, setup, raw=True), names, without, unchecked, progress)[0]
 
 
@@ -161,13 +154,15 @@ def explain(
     causes, ranking = with_statements(answer, causes)
     place = where(problem, before, tuple(dict.fromkeys(cause.stage for cause in causes)))
     by_log = compare(problem, names, answer.accepted if causes else base, before, answer.after)
-    if disagreeing := disagreement(by_log):
+    if worse := worsened(by_log):
         verdict = "partly_explained"
     diagnosis = Diagnosis(
         verdict=verdict,
         sentence=no_free_motion(answer.gap, max(problem.durations))
         if pushed
-        else disagreeing or headline(verdict, answer.gap, in_order(answer, causes), ranking, place),
+        else disagreement(by_log, worse)
+        if worse
+        else headline(verdict, answer.gap, in_order(answer, causes), ranking, place),
         causes=causes,
         candidates=ranking,
         gap=answer.gap,

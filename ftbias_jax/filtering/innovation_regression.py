@@ -91,6 +91,21 @@ def covariance(linear: Linear, dt: Float[Array, " T"], normal: np.ndarray) -> np
     return widened_inverse(np.stack([np.bincount(block, score) for score in scores], -1), normal)
 
 
+def conditional(covariance: np.ndarray, own: Array, known: Array) -> np.ndarray:
+    """Schur complement (k, k): squared standard deviations of the parameters ``own`` (k,) given those ``known``."""
+    own, known = np.asarray(own, int), np.asarray(known, int)
+    beside = covariance[np.ix_(own, known)]
+    inner: np.ndarray = covariance[np.ix_(own, own)]
+    return inner - beside @ np.linalg.solve(covariance[np.ix_(known, known)], beside.T)
+
+
+def stderr_of_reading(columns: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(6,) N, Nm, rms over time: error of a reading with derivatives (k, T, 6) with respect to uncertain parameters."""
+    variance = np.einsum("iuc,ij,juc->uc", columns, covariance, columns, optimize=True)
+    stderr: np.ndarray = np.sqrt(np.maximum(variance, 0.0).mean(0))
+    return stderr
+
+
 def widened_inverse(scores: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Inverse of a normal matrix (P, P), widened by the scatter of the scores of whole blocks (blocks, P)."""
     inverse = np.linalg.inv(normal)

@@ -7,7 +7,7 @@ import own_effects
 import pytest
 
 import ftbias_jax as ft
-from ftbias_jax.diagnosis.check_effects import check_effects, faults_named
+from ftbias_jax.diagnosis.check_effects import check_effects, typed_errors
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.types import Effect, Parameter, Twin
 from ftbias_jax.model.own_effects import load_effects
@@ -126,5 +126,5 @@ def test_a_diagnosis_that_fails_by_an_own_effect_names_it(setup, record):
     broken = entry(lambda v, s, w: w + v["strenght"])
     with pytest.raises(ft.UsageError, match=r"effects: effect 'own': its code raises KeyError"):
         ft.diagnose(setup, record(None), effects=[broken], unchecked=True)
-    with pytest.raises(ZeroDivisionError), faults_named(()):
+    with pytest.raises(ZeroDivisionError), typed_errors(()):
         1 / 0  # noqa: B018

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from small_fits import small_fit
 
-from ftbias_jax.diagnosis.diagnose import _typed_errors, diagnose
+from ftbias_jax.diagnosis.check_effects import typed_errors
+from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.evidence import estimates
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.errors import LogError
@@ -57,6 +58,6 @@ def test_equations_without_a_solution_end_in_an_error_of_ours():
         pytest.raises(
             LogError, match="the log cannot be diagnosed, because a linear system is singular: Singular matrix"
         ),
-        _typed_errors(),
+        typed_errors(()),
     ):
         np.linalg.inv(np.zeros((2, 2)))

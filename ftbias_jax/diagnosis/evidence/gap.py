@@ -215,6 +215,11 @@ def compare(
     return tuple(found)
 
 
+def worsened(by_log: Sequence[LogGap]) -> tuple[LogGap, ...]:
+    """Logs to whose error the joint explanation adds more than the noise: they do not share the others' causes."""
+    return tuple(log for log in by_log if log.after_sigmas**2 - log.before_sigmas**2 > 1)
+
+
 def _sigmas(problem: Problem, error: np.ndarray, own: np.ndarray) -> float:
     """Rms of a log's innovations in noise sigmas."""
     few = problem._replace(variance=problem.variance[own], samples=problem.samples[own])

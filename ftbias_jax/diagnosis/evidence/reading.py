@@ -7,6 +7,7 @@ import numpy as np
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import slopes
 from ftbias_jax.diagnosis.regression.fit import Fit, covariance
+from ftbias_jax.filtering import innovation_regression
 
 
 def stderr_of_reading(problem: Problem, found: Fit, given: Collection[str] = ()) -> np.ndarray | None:
@@ -29,12 +30,9 @@ def stderr_of_reading(problem: Problem, found: Fit, given: Collection[str] = ())
     if not own:
         return None
     try:
-        spread = covariance(problem, found)
-        beside = spread[np.ix_(own, known)]
-        spread = spread[np.ix_(own, own)] - beside @ np.linalg.solve(spread[np.ix_(known, known)], beside.T)
+        spread = innovation_regression.conditional(covariance(problem, found), own, known)
     except np.linalg.LinAlgError:  # columns are NaN or identical
         return None
     columns = slopes(problem, found.z, [found.free[k] for k in own])
-    variance = np.einsum("iuc,ij,juc->uc", columns, spread, columns, optimize=True)
-    stderr: np.ndarray = np.sqrt(np.maximum(variance, 0.0).mean(0))
+    stderr = innovation_regression.stderr_of_reading(columns, spread)
     return stderr if np.isfinite(stderr).all() else None

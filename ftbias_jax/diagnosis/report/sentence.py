@@ -46,14 +46,8 @@ def headline(
     return text
 
 
-def disagreement(by_log: Sequence[LogGap]) -> str:
-    """The headline of logs that do not share their causes; "" = they may.
-
-    What explains several logs together must not add more than the noise to the error of any of them.
-    """
-    worse = [log for log in by_log if log.after_sigmas**2 - log.before_sigmas**2 > 1]
-    if not worse:
-        return ""
+def disagreement(by_log: Sequence[LogGap], worse: Sequence[LogGap]) -> str:
+    """The headline of logs some of which get ``worse`` by what explains all of them together."""
     errors = (f"of {log.name} from {log.before_sigmas:.2g} to {log.after_sigmas:.2g} noise sigmas" for log in worse)
     odd = max(by_log, key=lambda log: log.before_sigmas).name
     return (

@@ -13,6 +13,7 @@ from ftbias_jax.diagnosis.terms.describe import Description
 from ftbias_jax.diagnosis.terms.grid import free_names
 from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS, intervals_in_words, resembles
 from ftbias_jax.diagnosis.terms.select import is_gain_too
+from ftbias_jax.filtering.innovation_regression import stderr_of_reading
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.model.effects.terms.columns import added, at_point, columns, count_columns, has_point
 from ftbias_jax.model.effects.terms.forms import FORMS
@@ -79,12 +80,11 @@ def _stderr_of_reading(term: Term, state: State, spread: np.ndarray, scales: np.
 
     A part of a term that is constant over the log is indistinguishable from the bias, which is as uncertain.
     """
-    made = np.asarray(columns(np, term, state))
-    count = made.shape[1]
-    made = made * scales[:count, None]
-    variance = np.einsum("uic,ij,ujc->uc", made, spread[:count, :count], made, optimize=True)
+    made = np.asarray(columns(np, term, state)).transpose(1, 0, 2)
+    count = len(made)
+    by_numbers = stderr_of_reading(made * scales[:count, None, None], spread[:count, :count])
     form = FORM_ERROR * np.asarray(added(np, term, state))
-    stderr: np.ndarray = np.sqrt((np.maximum(variance, 0) + form**2).mean(0))
+    stderr: np.ndarray = np.hypot(by_numbers, np.sqrt((form**2).mean(0)))
     return stderr
 
 

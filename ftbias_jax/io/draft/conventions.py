@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.draft.evidence import LEAST_SAMPLES, MOST_SAMPLES, ToolEstimate, weigh
+from ftbias_jax.io.draft.evidence import LEAST_SAMPLES, ToolEstimate, usable_rows, weigh
 from ftbias_jax.io.draft.robot import Keys
 from ftbias_jax.io.draft.table import Table
 from ftbias_jax.io.log import Log
@@ -73,8 +73,7 @@ def likely_gravity(rotations: Array, wrench: Array) -> Array | None:
         rotations: (T, 3, 3) sensor frame in the base frame.
         wrench: (T, 6) N, Nm, as the sensor reports it, with the usual sign.
     """
-    rows = np.flatnonzero(np.isfinite(wrench).all(1) & np.isfinite(rotations).all((1, 2)))
-    rows = rows[:: max(1, len(rows) // MOST_SAMPLES)]
+    rows = usable_rows(rotations, wrench)
     if len(rows) < LEAST_SAMPLES:
         return None
     turned = rotations[rows].swapaxes(1, 2)

@@ -91,8 +91,7 @@ def weigh(
     Returns:
         the estimate; None if there are not enough samples, or the sensor is never turned.
     """
-    complete = np.flatnonzero(np.isfinite(wrench).all(1) & np.isfinite(rotations).all((1, 2)))
-    rows = complete[:: max(1, len(complete) // MOST_SAMPLES)]
+    rows = usable_rows(rotations, wrench)
     if len(rows) < LEAST_SAMPLES:
         return None
     support = -np.einsum("tji,j->ti", rotations[rows], gravity)  # force that supports one kilogram, sensor frame
@@ -123,6 +122,12 @@ def weigh(
     center_stderr = np.minimum(np.hypot(moment_stderr, center * stderr) / abs(mass), MOST_OPEN)
     turn = 2 * np.arcsin(min(1.0, np.ptp(support[kept], axis=0).max() / 2 / np.linalg.norm(gravity)))
     return ToolEstimate(float(mass), center, float(stderr), center_stderr, residual, float(turn))
+
+
+def usable_rows(rotations: Array, wrench: Array) -> Array:
+    """Rows at which orientation and wrench are known, every so many of them: about MOST_SAMPLES."""
+    complete = np.flatnonzero(np.isfinite(wrench).all(1) & np.isfinite(rotations).all((1, 2)))
+    return complete[:: max(1, len(complete) // MOST_SAMPLES)]
 
 
 def _about_means(values: Array, piece: Array) -> Array:

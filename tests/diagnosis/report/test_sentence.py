@@ -10,6 +10,7 @@ import pytest
 from ftbias_jax.cli.commands import demo
 from ftbias_jax.diagnosis.evidence.causes import in_order
 from ftbias_jax.diagnosis.evidence.estimates import statement_of
+from ftbias_jax.diagnosis.evidence.gap import worsened
 from ftbias_jax.diagnosis.report.sentence import MOST_WORDS, disagreement, headline, note
 from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap, LogGap, Regime, Where
 from ftbias_jax.diagnosis.terms.found import statement
@@ -179,8 +180,10 @@ def test_logs_that_do_not_share_their_causes_are_named():
     """What explains them together makes the good ones worse: nobody should apply that."""
     bad, good = LogGap("c.csv", 56.0, 23.0, 1.0, {}, {}), LogGap("a.csv", 1.0, 14.4, 1.0, {}, {})
     fine = LogGap("b.csv", 1.0, 1.3, 0.0, {}, {})
-    text = disagreement([good, fine, bad])
+    worse = worsened([good, fine, bad])
+    assert worse == (good,)
+    text = disagreement([good, fine, bad], worse)
     assert "raises the error of a.csv from 1 to 14 noise sigmas" in text
     assert "c.csv first; do not apply" in text
     assert "b.csv" not in text
-    assert disagreement([fine, bad]) == disagreement([]) == ""
+    assert worsened([fine, bad]) == worsened([]) == ()
