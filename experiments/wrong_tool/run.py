@@ -54,6 +54,8 @@ PRINTED_FIELDS = (
     "cause_named",
     "second",
 )
+LONGEST_DELAY = 0.2
+"""s; ``check_setup`` reports a longer delay as a mistake of the clocks, and nothing is diagnosed."""
 TRIES, NEAR = 8, 0.05
 """Largest number of iterations to scale the cause, and relative tolerance of its gap."""
 
@@ -100,6 +102,9 @@ def make(folder, index, seed):
     )
     wanted = rng.uniform(0.5, 3.0)
     tool, (effect, own) = wrong_tool(rng, first), sized(job, first, seeds[8], wanted)
+    while effect.parameters.get("delay", 0.0) > LONGEST_DELAY:  # a light tool reaches its gap only by a longer delay
+        wanted /= 2
+        effect, own = sized(job, first, seeds[8], wanted)
     label, *_ = write_log(folder, "log_000", first, [*tool, effect], timeline, seeds[9])
     # Vibration is drawn for each motion, while all other causes are properties of the robot.
     again = sized(job, second, seeds[8], wanted)[0] if cause in STATISTICAL else effect

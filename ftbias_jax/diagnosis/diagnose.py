@@ -12,6 +12,7 @@ from ftbias_jax.diagnosis.evidence.gap import (
     compare,
     is_closed,
     is_quiet,
+    may_hide_a_gap,
     measure_gap,
     verdict_of,
     worsened,
@@ -136,7 +137,7 @@ def explain(
     pushed = all(part.touched.all_along for part in problem.parts)
     if (
         TERM not in without
-        and (answer.accepted.hypotheses or not quiet)
+        and (answer.accepted.hypotheses or not quiet or may_hide_a_gap(problem, before.error))
         and (not pushed or follows_something(problem, base, hold_out))
     ):
         progress("trying terms")

@@ -12,6 +12,7 @@ from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import make_problem
 from ftbias_jax.diagnosis.regression.coordinates import layout
 from ftbias_jax.diagnosis.regression.fit import base, fit
+from ftbias_jax.model.simulate_log import simulate
 
 
 @pytest.mark.slow
@@ -184,3 +185,17 @@ def test_two_logs_of_one_robot_share_the_tool(setup, record):
         assert abs(one.parameters["tool_mass"]["mass"] - 0.96) < 3 * one.stderr["tool_mass"]["mass"]
         assert one.stderr["tool_mass"]["mass"] > shared.stderr["mass"] > FORM_ERROR * (0.96 - 0.9)
         assert one.after_sigmas < 1.05 < one.before_sigmas
+
+
+@pytest.mark.slow
+def test_a_torque_is_found_though_the_joint_error_of_a_heavy_tool_may_hide_it(setup):
+    """The smoother states several times the error that joints in smooth motion have."""
+    heavy = replace(setup, tool=replace(setup.tool, mass=8.0, inertia=8 * setup.tool.inertia))
+    log = simulate(heavy, duration=40, rate=100, seed=3).log
+    healthy = diagnose(heavy, [log], ["healthy"])
+    assert (healthy.verdict, healthy.terms) == ("none", ())
+    wrench = np.array(log.wrench)
+    wrench[:, 3] += 1.3 * heavy.sensor.noise_std[3] * np.sin(2.9 * np.asarray(log.q)[:, 4])
+    diagnosis = diagnose(heavy, [log._replace(wrench=wrench)], ["hidden"])
+    assert diagnosis.verdict == "described"
+    assert diagnosis.terms[0].drive == "joint_angle"

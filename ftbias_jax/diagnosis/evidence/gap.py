@@ -167,6 +167,11 @@ def is_quiet(problem: Problem, gap: Gap) -> bool:
     return bool(before < thresholds.SILENT or before**2 < thresholds.BEYOND_CHANCE * chance)
 
 
+def may_hide_a_gap(problem: Problem, error: np.ndarray) -> bool:
+    """Whether innovations are so far below the assumed joint error that a gap of LEADS sigmas would not show."""
+    return bool(np.maximum(-excess_by_channel(problem, error), 0).mean() > thresholds.LEADS**2)
+
+
 def is_closed(problem: Problem, gap: Gap) -> bool:
     """Whether the remaining gap is too small to matter, also relative to the gap before, or no more than chance.
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis import thresholds
-from ftbias_jax.diagnosis.evidence.gap import CrossValidation, HeldOut, gap_removed, least_beside_joints
+from ftbias_jax.diagnosis.evidence.gap import CrossValidation, HeldOut, gap_removed, least_beside_joints, nats_of_joints
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import readings
 from ftbias_jax.diagnosis.regression.fit import Fit, log_likelihood_gain
@@ -120,7 +120,10 @@ class Search:
         described = fit_terms(problem, self.state, prepare_fit(start), (*chosen, *one.terms))
         gain = described.fit.log_likelihood - now.log_likelihood
         difference, stderr = log_likelihood_gain(problem, described.fit.error, now.error)
-        if difference < thresholds.STEADY * stderr or _merit(gain, one.terms[0]) < thresholds.LEAST_GAIN:
+        term, least = one.terms[0], thresholds.LEAST_GAIN
+        if term.drive == "acceleration" and term.form != "payload":  # a response to it fits the joints' error as well
+            least = max(least, nats_of_joints(problem))
+        if difference < thresholds.STEADY * stderr or _merit(gain, term) < least:
             return None
         if any(cancels(term, self.state) for term in described.terms):
             return None
