@@ -92,7 +92,8 @@ MOST_EVENTS = 8
 LEAST_EVENT = 60.0
 """nats of an event. [noise] The best of 800 pulses gains 11 by chance; residuals of other effects gain more. [dev]"""
 MOST_OF_LOG, LONGEST_EVENT, SURELY_EVENT = 0.35, 5.0, 3.0
-"""Maximum share of the log in events; s, longest event; s, duration up to which an event is certain. [physics] [dev]"""
+"""Maximum share of the log in events; s, longest event that no filter detects, because most other effects last longer;
+s, duration up to which an event is certain. [physics] [dev]"""
 MOST_OF_LOG_IF_SEEN, SEEN = 0.7, 0.75
 """Maximum share of the log in events that a filter's contact detection confirms, and the share of their duration that
 it must cover. [physics] In 49 logs without contact the detection finds a tenth of a second of it. [dev]"""

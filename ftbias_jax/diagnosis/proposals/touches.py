@@ -87,9 +87,7 @@ def is_seen(h: Hypothesis, problem: Problem) -> bool:
         for contact in problem.parts[log].touched.contacts:
             inside += max(0.0, min(end, contact.end) - max(start, contact.start))
     return bool(
-        lengths.max() < thresholds.LONGEST_EVENT
-        and lengths.sum() < thresholds.MOST_OF_LOG_IF_SEEN * problem.duration
-        and inside > thresholds.SEEN * lengths.sum()
+        lengths.sum() < thresholds.MOST_OF_LOG_IF_SEEN * problem.duration and inside > thresholds.SEEN * lengths.sum()
     )
 
 

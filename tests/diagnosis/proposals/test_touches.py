@@ -94,13 +94,14 @@ def test_what_lasts_is_no_event(lengths, short):
         ((0, 1.0, 4.5), [(1.0, 2.0)], False),
         ((0, 1.0, 4.5), [], False),
         ((1, 1.0, 4.5), [(1.0, 4.3)], False),  # of another log
-        ((0, 0.5, 5.6), [(0.5, 5.6)], False),  # too long for an event
+        ((0, 1.0, 12.5), [(1.0, 12.0)], True),  # a tool that presses for long
+        ((0, 0.5, 15.0), [(0.5, 15.0)], False),  # little free motion is left
     ],
 )
 def test_contact_may_take_much_of_a_log_if_a_filter_finds_it_too(event, contacts, seen):
     found = tuple(Contact(start, end, np.zeros(6)) for start, end in contacts)
     parts = tuple(Part(*[None] * 5)._replace(touched=Touched(of_log)) for of_log in (found, ()))
-    problem = Problem(parts, *[None] * 5, (6.0,), None, {})
+    problem = Problem(parts, *[None] * 5, (20.0,), None, {})
     h = Hypothesis("contact", detail=(Shaped(Event(*event), 4),))
     assert is_seen(h, problem) is seen
     assert not is_seen(Hypothesis("gain"), problem)
