@@ -14,7 +14,8 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import or_poses, read_recorded
 from ftbias_jax.io.cleaning import clean
-from ftbias_jax.io.draft.table import Table, look, stated_columns, time_unit
+from ftbias_jax.io.draft.rows import time_unit
+from ftbias_jax.io.draft.table import ALSO, Table, look, stated_columns
 from ftbias_jax.io.health import StreamInfo, stream_info
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.pose import STANDARD_GRAVITY
@@ -193,7 +194,8 @@ def _keys(table: Table) -> dict[str, Known]:
     """Keys of a setup with which the file can be read."""
     keys: dict[str, Known] = {}
     if table.orientation:
-        keys["sensor_pose.orientation"] = Known(table.orientation, "" if table.named else 'or "quaternion_wxyz"')
+        or_else = "" if table.named else f'or "{ALSO[table.orientation]}"'
+        keys["sensor_pose.orientation"] = Known(table.orientation, or_else)
     if table.orientation or (table.has_imu and not table.joints):
         linear = {} if table.static else {"accelerometer": "specific_force", "place": "position"}
         keys["sensor_pose.linear"] = Known(next((word for name, word in linear.items() if name in table.has), "none"))
@@ -226,7 +228,7 @@ def _said_of(table: Table, quantity: str, width: int) -> tuple[str, str, tuple[s
         if table.orientation:
             name, kind, labels = "pose", table.orientation, FIXED[table.orientation][0]
             if not table.named:
-                kind = "quaternion_xyzw or quaternion_wxyz"
+                kind = f"{kind} or {ALSO[kind]}"
             if width > len(labels):
                 kind, labels = f"{kind} and position", (*labels, "x", "y", "z")
     elif quantity == "velocity":

@@ -10,7 +10,7 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.accelerometer import Calibration, calibrate_accelerometer
 from ftbias_jax.io.log import Log, Repair, Repairs
-from ftbias_jax.setup.recorded import PoseSetup
+from ftbias_jax.setup.recorded import LENGTH_UNITS, PoseSetup
 from ftbias_jax.setup.rotations import quaternions_of, skew
 from ftbias_jax.setup.types import RobotSetup, SensorSetup, Setup
 from ftbias_jax.types import Array
@@ -38,7 +38,7 @@ def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file:
     """Entries of the pose and their rates, as if they were joints (``free_body``).
 
     Args:
-        pose: (T, k) orientation in the order the setup states, then position m, base frame, if the setup uses it.
+        pose: (T, k) orientation in the order the setup states, then position, base frame, if the setup uses it.
         rates: (T, 3 or 6) angular velocity and specific force (a - g), whichever the setup uses, or None. NaN = not
             measured.
         t: (T,) s.
@@ -60,7 +60,7 @@ def pose_entries(pose: Array, rates: Array | None, t: Array, setup: Setup, file:
     q = dq.copy()
     q[:, :4] = quaternion
     if stated.linear == "position":
-        q[:, 4:] = pose[:, split:]
+        q[:, 4:] = LENGTH_UNITS[setup.log.length_unit] * pose[:, split:]
         if stated.position_axes == "body" and np.isfinite(quaternion).all(1).any():
             q[:, 4:] = rotate(interpolated(quaternion, t), q[:, 4:])
     recorded = rates is not None and np.isfinite(rates).any()
@@ -118,10 +118,12 @@ def _imu(rates: Array, setup: Setup, stated: PoseSetup, file: str) -> Array:
 
 def _as_recorded(orientation: Array, order: str, unit: str, file: str) -> Array:
     """Recorded orientations as (T, 4) unit quaternions w, x, y, z; NaN for rows that were not measured."""
-    if order == "axis_angle":
-        vector = orientation * (np.pi / 180 if unit == "deg" else 1.0)
-        half = np.linalg.norm(vector, axis=1, keepdims=True) / 2
-        return np.concatenate([np.cos(half), np.sinc(half / np.pi) * vector / 2], 1)
+    if order in ("axis_angle", "rpy"):
+        angles = orientation * (np.pi / 180 if unit == "deg" else 1.0)
+        if order == "axis_angle":
+            return _turns(angles)
+        about_x, about_y, about_z = (_turns(angles * axis) for axis in np.eye(3))
+        return product(about_z, product(about_y, about_x))
     if order == "matrix":
         matrices = orientation.reshape(-1, 3, 3)
         off = np.abs(np.einsum("tij,tkj->tik", matrices, matrices) - np.eye(3)).max((1, 2))
@@ -134,6 +136,12 @@ def _as_recorded(orientation: Array, order: str, unit: str, file: str) -> Array:
     length[length == 0] = np.nan  # recorders write zeros for "not known"
     _refuse(np.abs(length[:, 0] - 1) > TOLERANCE, "is no quaternion of length one", file)
     return quaternion / length
+
+
+def _turns(vectors: Array) -> Array:
+    """Unit quaternions (T, 4) w, x, y, z of rotation vectors (T, 3) rad."""
+    half = np.linalg.norm(vectors, axis=1, keepdims=True) / 2
+    return np.concatenate([np.cos(half), np.sinc(half / np.pi) * vectors / 2], 1)
 
 
 def _refuse(bad: Array, what: str, file: str) -> None:

@@ -13,8 +13,8 @@ from ftbias_jax.io.pose import STANDARD_GRAVITY, pose_entries, rotate
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody, body_motions
 from ftbias_jax.model.simulate import Simulation
 from ftbias_jax.model.trajectories import Trajectory
-from ftbias_jax.setup.recorded import PoseSetup
-from ftbias_jax.setup.rotations import vector_from_rotation
+from ftbias_jax.setup.recorded import LENGTH_UNITS, PoseSetup
+from ftbias_jax.setup.rotations import rpy_from_rotation, vector_from_rotation
 from ftbias_jax.setup.types import Setup
 
 TURNS, SHIFTS = 1.2, 0.15
@@ -67,7 +67,8 @@ def recorded_arrays(
     arrays = {"orientation": _as_stated(back if pose.conjugate else quaternion, pose, degrees)}
     if pose.linear == "position":
         position = np.asarray(made.q[:, 4:])
-        arrays["position"] = rotate(back, position) if pose.position_axes == "body" else position
+        position = rotate(back, position) if pose.position_axes == "body" else position
+        arrays["position"] = position / LENGTH_UNITS[setup.log.length_unit]
     if pose.linear == "specific_force":
         motion = body_motions(body, *(x.T for x in trajectory[1:]))
         force = motion.acceleration - jnp.asarray(setup.robot.gravity)[:, None]
@@ -109,6 +110,7 @@ def _as_stated(quaternion: np.ndarray, pose: PoseSetup, degrees: float) -> np.nd
         return quaternion
     columns = [rotate(quaternion, np.broadcast_to(axis, (len(quaternion), 3))) for axis in np.eye(3)]
     matrices = np.stack(columns, 2)
-    if pose.orientation == "axis_angle":
-        return degrees * np.stack([vector_from_rotation(matrix) for matrix in matrices])
+    if pose.orientation != "matrix":
+        angles_of = rpy_from_rotation if pose.orientation == "rpy" else vector_from_rotation
+        return degrees * np.stack([angles_of(matrix) for matrix in matrices])
     return matrices

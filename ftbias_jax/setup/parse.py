@@ -74,7 +74,7 @@ def _pose(top: Section) -> PoseSetup | None:
     linear = read(section, "linear")
     if linear != "none":
         refuse(section, ("acceleration_std", "turns_about"), f"excluded by linear = {linear!r}")
-    if section.values.get("orientation") in ("matrix", "axis_angle"):
+    if section.values.get("orientation") in ("matrix", "axis_angle", "rpy"):
         refuse(section, ("frame",), "TF has quaternions", "leave orientation out")
     if "base" in section.values:
         require(section, "frame", "name the frame of TF that the sensor is mounted on")

@@ -10,13 +10,15 @@ from ftbias_jax.types import Array
 
 POSE = "sensor_pose"
 """``RobotSetup.model`` where the pose of the sensor is recorded, instead of joints."""
-ORIENTATIONS = ("quaternion_xyzw", "quaternion_wxyz", "matrix", "axis_angle")
+ORIENTATIONS = ("quaternion_xyzw", "quaternion_wxyz", "matrix", "axis_angle", "rpy")
 LINEAR = ("position", "specific_force", "none")
 POSITION_AXES = ("base", "body")
 TIME_UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 """Unit of stamps -> its length in ns."""
 ANGLE_UNITS = ("rad", "deg")
 ACCELERATION_UNITS = ("m/s^2", "g")
+LENGTH_UNITS = {"m": 1.0, "mm": 1e-3}
+"""Unit of length -> m."""
 FORCE_UNITS = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605}
 """Unit of force -> N."""
 TORQUE_UNITS = {"Nm": 1.0, "Nmm": 1e-3, "Ncm": 1e-2, "lbf-in": 0.1129848290276167, "lbf-ft": 1.3558179483314004}
@@ -32,7 +34,7 @@ class PoseSetup:
     """The recorded pose of the sensor, which replaces joints; n = 4, or 7 with a linear motion."""
 
     orientation: str
-    """One of ORIENTATIONS: of the body that the sensor is mounted on, in the base frame."""
+    """One of ORIENTATIONS: of the body that the sensor is mounted on, in the base frame; rpy: fixed axes."""
     linear: str
     """One of LINEAR: source of the acceleration; the specific force is an accelerometer's, at the sensor."""
     position_noise_std: Array
@@ -59,7 +61,7 @@ class PoseSetup:
     @property
     def orientation_columns(self) -> int:
         """Number of columns of the recorded orientation."""
-        return {"matrix": 9, "axis_angle": 3}.get(self.orientation, 4)
+        return {"matrix": 9, "axis_angle": 3, "rpy": 3}.get(self.orientation, 4)
 
     def lever(self, translation: Array) -> Array:
         """(3,) m, body's axes: from the point whose acceleration is known or zero to the sensor, at ``translation``."""
@@ -96,9 +98,11 @@ class LogSetup:
     rate: float | None = None
     """Hz, sampling rate, in place of stamps."""
     angle_unit: str = "rad"
-    """One of ANGLE_UNITS: of joints, and of the rates of joints and gyroscope."""
+    """One of ANGLE_UNITS: of joints, of axis-angle and rpy, and of the rates of joints and gyroscope."""
     acceleration_unit: str = "m/s^2"
     """One of ACCELERATION_UNITS: of an accelerometer."""
+    length_unit: str = "m"
+    """One of LENGTH_UNITS: of a recorded position."""
     force_unit: str = "N"
     """One of FORCE_UNITS."""
     torque_unit: str = "Nm"

@@ -135,6 +135,8 @@ def posed(npz):
         ({"orientation": "matrix", "conjugate": True}, lambda r: r.as_matrix().transpose(0, 2, 1)),
         ({"orientation": "axis_angle"}, lambda r: r.as_rotvec()),
         ({"orientation": "axis_angle", "conjugate": True}, lambda r: -r.as_rotvec()),
+        ({"orientation": "rpy"}, lambda r: r.as_euler("xyz")),
+        ({"orientation": "rpy", "conjugate": True}, lambda r: r.inv().as_euler("ZYX")[:, ::-1]),
     ],
 )
 def test_orientations_as_they_are_recorded(npz, posed, stated, recorded):

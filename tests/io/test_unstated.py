@@ -132,9 +132,9 @@ def test_the_command_prints_the_keys(tmp_path, capsys):
     log = write_csv(tmp_path / "log.csv", ["rx", "ry", "rz", *NAMES, "odd"], TURNED.as_rotvec(), WRENCH, T)
     assert main(["info", str(log)]) == 0
     printed = capsys.readouterr().out
-    assert "pose: axis_angle, 80 samples\n  it has no stamps\n" in printed
+    assert "pose: axis_angle or rpy, 80 samples\n  it has no stamps\n" in printed
     assert "other columns: odd\n" in printed
-    assert '  orientation = "axis_angle"\n' in printed
+    assert '  orientation = "axis_angle"  # or "rpy"\n' in printed
     assert "  rate = ...  # Hz: there are no stamps (t)\n" in printed
 
 

@@ -45,6 +45,7 @@ def test_a_simulated_log_is_read_back_from_its_file(tmp_path, linear, orientatio
 CONVENTIONS = [
     {"conjugate": True, "position_axes": "body"},
     {"orientation": "axis_angle"},
+    {"orientation": "rpy"},
     {"linear": "specific_force", "imu_rotation_rpy": [0.1, -0.4, 1.2]},
     {"linear": "specific_force", "gyroscope": False, "orientation": "matrix"},
 ]

@@ -8,7 +8,7 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.draft.evidence import LEAST_SAMPLES, ToolEstimate, usable_rows, weigh
 from ftbias_jax.io.draft.robot import Keys
-from ftbias_jax.io.draft.table import Table
+from ftbias_jax.io.draft.table import ALSO, Table
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.pose import STANDARD_GRAVITY, between, interpolated, sensor_rotations
 from ftbias_jax.io.stamps.clock import since, stamps_of
@@ -29,6 +29,8 @@ ALIKE = 0.8
 """Correlation of gyroscope and orientation above which their magnitudes can be compared."""
 NEAR = 1.25
 """Factor by which these magnitudes may differ."""
+FARTHEST = 20.0
+"""m, farther from the base than any robot reaches."""
 
 UNUSUAL = {"sensor_pose.conjugate", "log.wrench_axes"}
 """Keys of conventions other than the usual one."""
@@ -88,9 +90,11 @@ def likely_gravity(rotations: Array, wrench: Array) -> Array | None:
 
 def ways_of(table: Table) -> Iterator[Keys]:
     """Conventions by which an orientation and a wrench may have been recorded, the usual one first."""
-    orders = [table.orientation] if table.named else ["quaternion_xyzw", "quaternion_wxyz"]
+    orders = [table.orientation] if table.named else [table.orientation, ALSO[table.orientation]]
     for axes, conjugate, order in product(("sensor", "base"), (False, True), orders):
         keys = {"sensor_pose.orientation": Known(order, "" if table.named else "as the weight fits best")}
+        if table.degrees:
+            keys["log.angle_unit"] = Known("deg", "because angles of the orientation exceed a turn in rad")
         if conjugate:
             keys["sensor_pose.conjugate"] = Known(True, "because the weight fits only then")
         if axes == "base":
@@ -103,11 +107,15 @@ def position_axes(read: Read, mass: float) -> Keys:
 
     ``mass`` is in kg, negative if the sensor reports the opposite sign.
     """
-    at_rest, base = _left_by_inertia(read, "base", mass)
-    _, body = _left_by_inertia(read, "body", mass)
+    _, log = read({"sensor_pose.linear": Known("position")})
+    keys: Keys = {}
+    if np.abs(log.q[np.isfinite(log.q[:, 4:]).all(1), 4:]).max(initial=0.0) > FARTHEST:
+        keys["log.length_unit"] = Known("mm", "because no robot reaches so far in m")
+    at_rest, base = _left_by_inertia(lambda more: read({**keys, **more}), "base", mass)
+    _, body = _left_by_inertia(lambda more: read({**keys, **more}), "body", mass)
     if min(base, body) > USELESS * at_rest:
         return {"sensor_pose.linear": Known("none", "the forces do not show the acceleration of the recorded position")}
-    keys: Keys = {"sensor_pose.linear": Known("position", "its position is recorded")}
+    keys["sensor_pose.linear"] = Known("position", "its position is recorded")
     if body < EXPLAINS * base:
         keys["sensor_pose.position_axes"] = Known("body", "because the forces show its acceleration only then")
     return keys

@@ -27,7 +27,8 @@ from ftbias_jax.io.draft.robot import (
     robots_with,
     sensor_frame,
 )
-from ftbias_jax.io.draft.table import Table, left_to_choose, look, patterns, stated_columns, time_unit
+from ftbias_jax.io.draft.rows import time_unit
+from ftbias_jax.io.draft.table import Table, left_to_choose, look, patterns, stated_columns
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.pose import sensor_rotations
 from ftbias_jax.io.ros.record import is_ros

@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.check import HIGHEST_RATE, LOWEST_RATE
+from ftbias_jax.io.draft.rows import in_degrees, is_static
 from ftbias_jax.io.ros.messages import JOINTS, POSE, TEMPERATURE, WRENCH
 from ftbias_jax.io.ros.record import Wanted, is_ros, read_recording
-from ftbias_jax.io.stamps.clock import seconds_of_a_unit
 from ftbias_jax.io.tables.arrays import (
     ARRAY_FILES,
     ARRAYS,
@@ -22,23 +21,15 @@ from ftbias_jax.io.tables.arrays import (
 )
 from ftbias_jax.io.tables.columns import Columns
 from ftbias_jax.io.tables.headers import Match, matches, some
-from ftbias_jax.io.tables.poses import FEWEST, MOST
 from ftbias_jax.io.tables.streams import unknown_format
 from ftbias_jax.setup.dump import Known
-from ftbias_jax.setup.recorded import TIME_UNITS
 from ftbias_jax.types import Array
 
-CENTURY = (9.4e8, 4.1e9)
-"""s since 1970: stamps of a clock that is set lie between 2000 and 2100."""
-LONGEST_RUN = 1e8
-"""s, maximum stamp of other clocks, which start with the computer."""
-FASTEST = 3.0
-"""rad/s, median speed from row to row that no log of motion exceeds, because none turns so fast all the time."""
-APART = 0.05
-"""rad, median rotation from row to row; without stamps, rows that are closer are those of a motion."""
 WIDTHS = {3: "axis_angle", 9: "matrix", 4: "quaternion_xyzw"}
-"""Numbers per orientation -> its possible format."""
-ORIENTATIONS = ("quaternion_xyzw", "matrix", "axis_angle")
+"""Numbers per orientation -> its usual format."""
+ALSO = {"axis_angle": "rpy", "quaternion_xyzw": "quaternion_wxyz"}
+"""Format -> another one with the same numbers, of which names may not say which it is."""
+ORIENTATIONS = ("quaternion_xyzw", "matrix", "axis_angle", "rpy")
 """Possible formats of an orientation whose columns are known by their names."""
 QUANTITIES = ("time", "position", "velocity", "wrench", "temperature")
 """Keys of [log.columns]."""
@@ -62,6 +53,8 @@ class Table(NamedTuple):
     """One of ORIENTATIONS, or "" = none."""
     named: bool = True
     """Whether the names of columns show which entry of the orientation each one is."""
+    degrees: bool = False
+    """Whether the orientation has angles that must be in degrees."""
     accelerometer: Array | None = None
     """(T, 3) as stored; None = none."""
     others: tuple[str, ...] = ()
@@ -103,6 +96,12 @@ def look(path: str) -> Table:
         header.extend(names)
         likely = {name: likeliest(matches(name, names)) for name in (*QUANTITIES, *PARTS.values(), *ORIENTATIONS)}
         found.update({name: match for name, match in likely.items() if match})
+        joints = found["position"].names if "position" in found else ()
+        for name in [name for name in ORIENTATIONS if name in found]:
+            names_of_it = found[name].names
+            of_joints = len(joints) > len(names_of_it) and set(names_of_it) <= set(joints)  # q1 to q4 of six joints
+            if of_joints or (max(map(len, names_of_it)) == 1 and "place" not in found):  # a, b, c alone may be anything
+                del found[name]
         moved = next((name for name in (*ORIENTATIONS, "position") if name in found), "")
         wanted = {"t": "time", "q": moved, "dq": "accelerometer"}
         return {array: found[name].names if name in found else () for array, name in wanted.items()}
@@ -149,7 +148,8 @@ def _of_arrays(path: str, arrays: Mapping[str, Array]) -> Table:
         time=time,
         joints=np.shape(arrays["q"])[1] if "q" in arrays and np.ndim(arrays["q"]) == 2 else 0,
         orientation=WIDTHS.get(width, ""),
-        named=width != 4,
+        named=width == 9,
+        degrees=width == 3 and in_degrees(orientation),
         accelerometer=arrays.get("specific_force"),
         static=is_static(time, motion),
     )
@@ -162,12 +162,16 @@ def _of_columns(path: str, header: Sequence[str], found: Mapping[str, Match], va
         if some("position", [name], ()) or name in used:
             message = f"two columns {'have this name' if name in used else 'are of this joint'}"
             raise LogError(message, file=path, field=name, remedy="rename one of them")
+    kind = next((kind for kind in ORIENTATIONS if kind in found), "")
+    other = found.get(ALSO.get(kind, ""))
     return Table(
         path=path,
         has=found.keys(),
         time=values.get("t"),
         joints=len(found["position"].names) if "position" in found else 0,
-        orientation=next((kind for kind in ORIENTATIONS if kind in found), ""),
+        orientation=kind,
+        named=other is None or other.names != found[kind].names,
+        degrees=kind in ("axis_angle", "rpy") and in_degrees(values.get("q")),
         accelerometer=values.get("dq"),
         others=tuple(name for name in header if name not in used),
         names=found["position"].joints if "position" in found else (),
@@ -175,46 +179,6 @@ def _of_columns(path: str, header: Sequence[str], found: Mapping[str, Match], va
         found=found,
         static=is_static(values.get("t"), values.get("q")),
     )
-
-
-def is_static(time: Array | None, motion: Array | None) -> bool:
-    """Whether rows can be static poses: few, and far apart in time, or in angle if the unit of time is uncertain.
-
-    The stamps (N,) are as stored, the motion (N, ...) joints or orientations; None = there are none.
-    """
-    if motion is None or motion.ndim < 2 or not FEWEST <= len(motion) <= MOST:
-        return False
-    if time is not None and len(time) != len(motion):
-        return False
-    rows = np.reshape(motion, (len(motion), -1))
-    rows = rows * (np.pi / 180 if np.abs(rows[np.isfinite(rows)]).max(initial=0.0) > 4 * np.pi else 1.0)
-    turns = np.linalg.norm(np.diff(rows, axis=0), axis=1)
-    turn = float(np.median(turns[np.isfinite(turns)])) if np.isfinite(turns).any() else 0.0
-    if time is None:
-        return turn > APART
-    step, unit = float(np.median(np.diff(time))), time_unit(time)
-    if step * seconds_of_a_unit(time) * LOWEST_RATE <= 1:
-        return False
-    return not unit or turn > FASTEST * step * TIME_UNITS[unit] * 1e-9
-
-
-def time_unit(t: Array) -> str:
-    """Unit of stamps, if it is not the usual one; "" = the usual one, s, or ns for integers.
-
-    A unit is plausible with the rate of a sensor, and with a date of this century or else a few years of uptime.
-    """
-    t = np.asarray(t, np.float64) if np.asarray(t).dtype.kind == "f" else np.asarray(t, np.int64)
-    steps = np.diff(t)
-    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
-    usual = "ns" if t.dtype.kind == "i" else "s"
-    units = (usual, *(other for other in TIME_UNITS if other != usual))
-    lengths = {unit: TIME_UNITS[unit] * 1e-9 for unit in units}
-    plausible = [unit for unit in units if LOWEST_RATE <= 1 / (step * lengths[unit]) <= HIGHEST_RATE]
-    starts = {unit: abs(float(t[0])) * lengths[unit] for unit in plausible}
-    dated = [unit for unit, start in starts.items() if CENTURY[0] < start < CENTURY[1]]
-    running = [unit for unit, start in starts.items() if start < LONGEST_RUN]
-    unit = next(iter(dated + running), usual)
-    return "" if unit == usual else unit
 
 
 def patterns(tables: Sequence[Table]) -> dict[str, str]:
@@ -240,7 +204,7 @@ def stated_columns(table: Table, joints: Sequence[str] | None = None) -> dict[st
     ``joints`` are the joint names in the order of the columns; None = in the order of the header.
     """
     keys: dict[str, Known] = {}
-    for quantity in (*QUANTITIES, *PARTS.values()):
+    for quantity in (*QUANTITIES, *PARTS.values(), table.orientation):
         candidates = _candidates(quantity, table, joints)
         match = likeliest(candidates)
         if match is None:

@@ -30,7 +30,7 @@ UNITS: Mapping[str, tuple[str, Mapping[str, str]]] = {
                "lbf.in, in-lbf; lbf-ft: lbf-ft, lbf ft, ft-lbf"),
     ),
     "temperature": ("", _words(": c, °c, degc, celsius, k, kelvin")),
-    "length": ("", {"m": ""}),
+    "length": ("log.length_unit", _words("m: m; mm: mm")),
 }  # fmt: skip
 """Dimension -> the setup's key that states the unit, and a map from words for units to values of that key."""
 DIMENSIONS: Mapping[str, str] = {
@@ -41,8 +41,10 @@ DIMENSIONS: Mapping[str, str] = {
     "gyroscope": "angle",
     "accelerometer": "acceleration",
     "place": "length",
+    "axis_angle": "angle",
+    "rpy": "angle",
 }
-"""Quantity -> dimension; a wrench has two, and orientations none."""
+"""Quantity -> dimension; a wrench has two, and quaternions and matrices none."""
 OTHER = "other_"
 """Prefix of a quantity in the tables below: names that are looked for only if none of the usual ones is found."""
 Names = tuple[str, ...]
@@ -65,12 +67,20 @@ FIXED: Mapping[str, tuple[Names, ...]] = {
         ),
     ),
     **{
-        f"quaternion_{order}": tuple(tuple(f"{stem}{x}" for x in order) for stem in QUATERNIONS)
+        f"quaternion_{order}": (
+            *(tuple(f"{stem}{x}" for x in order) for stem in QUATERNIONS),
+            tuple(f"q{1 + 'wxyz'.index(x)}" for x in order),  # of an ABB
+        )
         for order in ("xyzw", "wxyz")
     },
     "matrix": (tuple(f"r{i}{j}" for i in "123" for j in "123"),),
-    "axis_angle": (("rx", "ry", "rz"),),
-    "place": tuple(tuple(f"{stem}{x}" for x in "xyz") for stem in ("", "position_")),
+    "axis_angle": (("rx", "ry", "rz"), tuple(f"actual_tcp_pose_{i}" for i in (3, 4, 5))),
+    # Columns C, B, A of a KUKA; W, P, R of a Fanuc; those of other robots, as those of an axis-angle, are rx, ry, rz.
+    "rpy": (("roll", "pitch", "yaw"), ("c", "b", "a"), ("w", "p", "r"), ("rx", "ry", "rz")),
+    "place": (
+        *(tuple(f"{stem}{x}" for x in "xyz") for stem in ("", "position_")),
+        tuple(f"actual_tcp_pose_{i}" for i in range(3)),
+    ),
     "gyroscope": tuple(tuple(f"{stem}{x}" for x in "xyz") for stem in ("w", "angular_velocity_", "gyro_")),
     "accelerometer": tuple(
         tuple(f"{stem}{x}" for x in "xyz") for stem in ("a", "linear_acceleration_", "accel_", "acc_")

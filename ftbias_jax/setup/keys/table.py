@@ -87,6 +87,7 @@ _CHOICES = {
     "log.time_unit": recorded.TIME_UNITS,
     "log.angle_unit": recorded.ANGLE_UNITS,
     "log.acceleration_unit": recorded.ACCELERATION_UNITS,
+    "log.length_unit": recorded.LENGTH_UNITS,
     "log.force_unit": recorded.FORCE_UNITS,
     "log.torque_unit": recorded.TORQUE_UNITS,
     "log.wrench_axes": recorded.WRENCH_AXES,

@@ -10,11 +10,13 @@ from scipy.spatial.transform import Rotation
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.io import read_log
 from ftbias_jax.io.draft.draft import Request, draft
-from ftbias_jax.io.draft.table import look, patterns, time_unit
+from ftbias_jax.io.draft.rows import time_unit
+from ftbias_jax.io.draft.table import look, patterns
 from ftbias_jax.io.info import describe
 from ftbias_jax.io.pose import STANDARD_GRAVITY
 from ftbias_jax.setup import load_setup
 from ftbias_jax.setup.robots import built_in_robot
+from ftbias_jax.types import AXES
 
 RATE, SAMPLES = 100, 2000
 T = np.arange(SAMPLES) / RATE
@@ -57,6 +59,7 @@ ORIENTATIONS = {
     ("matrix", False): lambda r: r.as_matrix(),
     ("matrix", True): lambda r: r.inv().as_matrix(),
     ("axis_angle", False): lambda r: r.as_rotvec(),
+    ("rpy", False): lambda r: r.as_euler("xyz"),
 }
 
 
@@ -110,6 +113,43 @@ def test_the_axes_of_a_position_are_those_whose_acceleration_the_forces_show(tmp
     np.savez(tmp_path / "log.npz", t=T, wrench=wrench_of(turned, acceleration), **arrays)
     setup = drafted(tmp_path, tmp_path / "log.npz")
     assert (setup.pose.linear, setup.pose.position_axes) == ("position", axes)
+
+
+ROBOTS = {
+    "kuka": ("X Y Z A B C", "rpy", "mm", "deg", lambda r: np.degrees(r.as_euler("ZYX"))),
+    "fanuc": ("x y z w p r", "rpy", "mm", "deg", lambda r: np.degrees(r.as_euler("xyz"))),
+    "doosan": (
+        "x[mm] y[mm] z[mm] rx[deg] ry[deg] rz[deg]",
+        "rpy",
+        "mm",
+        "deg",
+        lambda r: np.degrees(r.as_euler("xyz")),
+    ),
+    "ur": (" ".join(f"actual_TCP_pose_{i}" for i in range(6)), "axis_angle", "m", "rad", lambda r: r.as_rotvec()),
+    "axis_angle": ("x y z rx ry rz", "axis_angle", "m", "deg", lambda r: np.degrees(r.as_rotvec())),
+    "abb": ("x y z q1 q2 q3 q4", "quaternion_xyzw", "mm", "rad", lambda r: r.as_quat()[:, [3, 0, 1, 2]]),
+}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_pose_is_recognised_by_the_columns_of_its_controller(tmp_path, robot):
+    """Without a unit in the names, mm and degrees show by their size, and rx ry rz by the weight."""
+    turned, position, _, acceleration = motion()
+    names, order, length, angle, recorded = ROBOTS[robot]
+    values = [position * (1e3 if length == "mm" else 1.0), recorded(Rotation.from_matrix(turned))]
+    columns = [*names.split(), *AXES]
+    log = write(tmp_path / "log.csv", columns, T, np.hstack([*values, wrench_of(turned, acceleration)]))
+    setup = drafted(tmp_path, log)
+    assert (setup.pose.orientation, setup.pose.linear) == (order, "position")
+    assert (setup.log.length_unit, setup.log.angle_unit) == (length, angle)
+    assert_weighed(setup)
+    np.testing.assert_allclose(read_log(log, setup).q[:, 4:], position, atol=1e-9)
+
+
+def test_four_of_six_joints_are_no_quaternion(tmp_path):
+    t, q, wrench = made.arm_log("ur5e")
+    log = write(tmp_path / "log.csv", [*(f"q{i}" for i in range(1, 7)), *AXES], t, np.hstack([q, wrench]))
+    assert look(str(log)).orientation == ""
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ from stated import PANDA
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import read_log
-from ftbias_jax.io.draft.table import look, time_unit
+from ftbias_jax.io.draft.rows import time_unit
+from ftbias_jax.io.draft.table import look
 from ftbias_jax.io.tables.clocks import clocks_of
 from ftbias_jax.setup import parse_setup
 
