@@ -122,6 +122,8 @@ class Check:
         worse = self.worse_than_raw and first.mistake != "worse_than_raw"
         message = MISTAKES[first.mistake] + f", and {MISTAKES['worse_than_raw']}" * worse
         remedy = "; ".join(finding.told for finding in bad)
+        if any(finding.mistake == "sensor_axes" for finding in bad):
+            remedy += "; ftbias identify --mounting finds any rotation of the sensor"
         raise kind(message, file=self.setup_path, field=first.mistake, remedy=f"{remedy}; --unchecked goes on anyway")
 
     def as_dict(self) -> dict[str, Any]:

@@ -5,20 +5,18 @@ kept if the setup with it predicts the readings of the end better, 1 s and 10 s 
 """
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 
-from ftbias_jax.calibration.identify_tool import IdentifyResult, identify_tool
-from ftbias_jax.check.check_setup import require_right
+from ftbias_jax.calibration.identify_tool import identify_tool
 from ftbias_jax.commissioning.drafted import as_uncertain, larger, loosened, with_loose_tool
 from ftbias_jax.commissioning.events import is_bias_alone, without_events
-from ftbias_jax.commissioning.judged import Judged, baselines, compare, judge
+from ftbias_jax.commissioning.judged import baselines, compare, judge
 from ftbias_jax.commissioning.logs import longest, without_end
+from ftbias_jax.commissioning.mounting import with_mounting
 from ftbias_jax.commissioning.repeat import repeat
 from ftbias_jax.commissioning.result import (
     CALIBRATED,
@@ -33,20 +31,18 @@ from ftbias_jax.commissioning.result import (
     Step,
     nothing_found,
 )
+from ftbias_jax.commissioning.state import Context, State
 from ftbias_jax.diagnosis.apply import with_causes
 from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.regression.chain_model import compiled_ahead, programs_of_search
-from ftbias_jax.diagnosis.result import Diagnosis
 from ftbias_jax.errors import FtbiasError, UsageError
 from ftbias_jax.io import GivenLog, as_logs, names_of
 from ftbias_jax.io.cleaning import clean
-from ftbias_jax.io.log import Log
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.runtime.jax_config import in_float64, same_precision
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup import GivenSetup, as_setup
-from ftbias_jax.setup.types import COMPENSATED, Setup, ToolSetup
-from ftbias_jax.types import Array
+from ftbias_jax.setup.types import COMPENSATED, Setup
 
 QUIETER = 3.0
 """Factor by which the unseen accelerations of a pose log are divided or multiplied to try other noise."""
@@ -58,54 +54,6 @@ WORKERS = 2
 """Threads beside the one that evaluates steps."""
 ROUNDS = 3
 """Rounds of diagnosis and identification; most logs show nothing more after the first."""
-
-
-class _Context(NamedTuple):
-    """Logs and helpers that all steps of a calibration share."""
-
-    whole: Sequence[Log]
-    begun: Sequence[Log]
-    """The logs without their held-out ends: causes are found in these, the tool in the longest."""
-    names: Sequence[str]
-    hold_out: float
-    progress: Callable[[str], None]
-    again: Callable[["_State"], Setup | None]
-    """Repeats, with the whole logs, the steps that were kept."""
-    worker: ThreadPoolExecutor
-    """Computes what is needed next if the step under evaluation is kept, or if nothing more is found."""
-
-    def tool_ahead(self, setup: Setup, translation: bool | None = None) -> tuple[Setup, Future[IdentifyResult]]:
-        """Start to identify the tool of a setup in the background."""
-        log = longest(self.begun)
-        return setup, self.worker.submit(identify_tool, setup, log, translation=translation, unchecked=True)
-
-
-class _State(NamedTuple):
-    """The calibration after some steps."""
-
-    setup: Setup
-    judged: Judged
-    steps: tuple[Step, ...]
-    found: Diagnosis | None = None
-    """The last diagnosis."""
-    identified: ToolSetup | None = None
-    """The tool of the first step with its standard errors, which causes may still change."""
-    beside: Mapping[str, Array] = MappingProxyType({})
-    """Standard errors of the tool when fitted together with the causes that were kept, by keys of [tool]: a tool
-    identified with fixed causes is as uncertain as they are."""
-    ahead: tuple[Setup, Future[IdentifyResult]] | None = None
-    """A setup, and its tool that is being identified in the background."""
-
-    @property
-    def unmoved(self) -> ToolSetup | None:
-        """The tool of the first step, if nothing has changed it since."""
-        is_there = self.identified is not None and self.setup.tool.mass == self.identified.mass
-        return self.identified if is_there else None
-
-    @property
-    def has_tool(self) -> bool:
-        """Whether a tool was kept that was identified beside the causes."""
-        return any(step.kept and step.kind in (TOOL, CHANNELS) for step in self.steps)
 
 
 @in_float64
@@ -139,26 +87,26 @@ def calibrate(
         UsageError: no log, or an impossible share. SetupError, LogError: the logs show a mistake of units, signs or
             frames, or cannot be filtered.
     """
-    begin, setup = time.monotonic(), as_setup(setup)
-    logs = as_logs(logs, setup, raw=True)
+    begin, given = time.monotonic(), as_setup(setup)
+    logs = as_logs(logs, given, raw=True)
     if not 0.1 <= hold_out <= 0.9:
         raise UsageError(f"got {hold_out!r}", field="hold_out", remedy="give a share from 0.1 to 0.9")
     progress("checking the setup")
     whole, names = [clean(log) for log in logs], names or names_of(logs)
-    require_right(setup, whole, "calibrate", unchecked)
-    begun, start = [without_end(log, hold_out) for log in logs], with_loose_tool(setup)
+    begun = [without_end(log, hold_out) for log in logs]
+    setup, mounted = (given, ()) if unchecked else with_mounting(given, whole, begun, progress)
+    start = with_loose_tool(setup)
 
-    def again(state: _State) -> Setup | None:
+    def again(state: State) -> Setup | None:
         return repeat(state.steps, start, state.setup, logs, names, state.unmoved is not None)
 
     with ThreadPoolExecutor(WORKERS) as worker:
-        first, state, repeating = _run_steps(
-            _Context(whole, begun, names, hold_out, progress, again, worker), setup, start
-        )
+        road = Context(whole, begun, names, hold_out, progress, again, worker)
+        first, state, repeating = _run_steps(road, setup, start)
     if state.unmoved is not None:
         state = state._replace(setup=as_uncertain(replace(state.setup, tool=state.unmoved), state.beside))
-    rows = {GIVEN: first.judged} | ({CALIBRATED: state.judged} if state.setup is not start else {})
-    rows |= baselines(state.judged)
+    rows = {GIVEN: judge(given, whole, hold_out) if mounted else first.judged}
+    rows |= ({CALIBRATED: state.judged} if mounted or state.setup is not start else {}) | baselines(state.judged)
     final = replace(state.setup, tool=setup.tool) if state.setup.tool is start.tool else state.setup
     if state.setup is not start:
         progress("repeating what was kept with all of the logs")
@@ -171,10 +119,12 @@ def calibrate(
         found = identify_tool(final, longest(logs), bias=True, translation=False, unchecked=True)
         final = replace(final, bias=found.setup.bias)
     seconds = time.monotonic() - begin
-    return Calibrated(final, state.steps, rows, state.found, tuple(log.repairs for log in whole), seconds, events)
+    return Calibrated(
+        final, (*mounted, *state.steps), rows, state.found, tuple(log.repairs for log in whole), seconds, events
+    )
 
 
-def _run_steps(road: _Context, setup: Setup, start: Setup) -> tuple[_State, _State, Future[Setup | None] | None]:
+def _run_steps(road: Context, setup: Setup, start: Setup) -> tuple[State, State, Future[Setup | None] | None]:
     """Run all steps: the states before and after them, from a setup whose tool may have widened standard errors.
 
     Also returns the repetition of all steps that were kept, if it was begun while a last round found nothing more.
@@ -187,7 +137,7 @@ def _run_steps(road: _Context, setup: Setup, start: Setup) -> tuple[_State, _Sta
         # The place of the sensor comes after the causes: a delay looks like a lever arm, too.
         ahead = road.tool_ahead(start, translation=False) if tool_first else None
         judged = judge(start if setup.tool.unknown else setup, road.whole, road.hold_out)
-        state = first = _State(start, judged, (), ahead=ahead)
+        state = first = State(start, judged, (), ahead=ahead)
         if tool_first:
             state = _with_tool(state, road, (FIRST,))
     identified, rest = None, (CHANNELS,) if has_tool else ()
@@ -206,7 +156,7 @@ def _run_steps(road: _Context, setup: Setup, start: Setup) -> tuple[_State, _Sta
     return first, state, None
 
 
-def _with_causes(state: _State, road: _Context) -> _State:
+def _with_causes(state: State, road: Context) -> State:
     """Try the causes that a diagnosis names, and then the terms that it adds; keep them if they predict better."""
     road.progress("diagnosing")
     try:
@@ -232,7 +182,7 @@ def _with_causes(state: _State, road: _Context) -> _State:
     return state
 
 
-def _with_tool(state: _State, road: _Context, kinds: Sequence[str]) -> _State:
+def _with_tool(state: State, road: Context, kinds: Sequence[str]) -> State:
     """Try the tool that the longest log shows, or that and gains and crosstalk; keep them if they predict better."""
     for kind in kinds:
         crosstalk = kind == CHANNELS
@@ -260,7 +210,7 @@ def _with_tool(state: _State, road: _Context, kinds: Sequence[str]) -> _State:
     return state
 
 
-def _with_noise(state: _State, road: _Context) -> _State:
+def _with_noise(state: State, road: Context) -> State:
     """Try other unseen accelerations for a log of orientations; keep them if they predict better.
 
     A draft takes them from the scatter of the forces in motion, which contains all that the setup did not explain then;
@@ -284,7 +234,7 @@ def _with_noise(state: _State, road: _Context) -> _State:
     return tried
 
 
-def _tried(state: _State, road: _Context, step: Step, setup: Setup, unless_worse: bool = False) -> _State:
+def _tried(state: State, road: Context, step: Step, setup: Setup, unless_worse: bool = False) -> State:
     """Evaluate a setup: the state with it if it is kept, and in any case with the outcome of its step."""
     try:
         judged = judge(setup, road.whole, road.hold_out)
@@ -296,5 +246,5 @@ def _tried(state: _State, road: _Context, step: Step, setup: Setup, unless_worse
     return state._replace(setup=setup, judged=judged) if kept else state
 
 
-def _refused(state: _State, kind: str, name: str, why: str) -> _State:
+def _refused(state: State, kind: str, name: str, why: str) -> State:
     return state._replace(steps=(*state.steps, Step(kind, name, False, why)))

@@ -23,7 +23,7 @@ from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES
 
 CAUSES, TERMS, TOOL, CHANNELS, NOISE = "causes", "terms", "tool", "gains and crosstalk", "noise"
-FIRST = "tool, first"
+FIRST, MOUNTING = "tool, first", "mounting"
 """Kinds of steps."""
 GIVEN, CALIBRATED = "setup as given", "calibrated"
 """Rows of the errors that come from a filter."""
@@ -40,13 +40,14 @@ class Step:
     """A step that was tried."""
 
     kind: str
-    """"causes", "terms", "tool", "gains and crosstalk", "noise" or "tool, first"."""
+    """"mounting", "causes", "terms", "tool", "gains and crosstalk", "noise" or "tool, first"."""
     name: str
     kept: bool
     why: str
     """How the errors on held-out data change, or why the step could not be tried."""
     parts: tuple[str, ...] = ()
-    """Names of the effects, drives of the terms, "tool", "crosstalk" or "noise"; () = nothing was found to try."""
+    """Names of the effects, drives of the terms, "tool", "crosstalk", "noise" or
+    "mounting"; () = nothing was found to try."""
 
 
 @dataclass(frozen=True, eq=False)

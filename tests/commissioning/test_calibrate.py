@@ -12,7 +12,7 @@ from made_judged import judged
 import ftbias_jax as ft
 from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.commissioning import calibrate as module
-from ftbias_jax.commissioning import repeat
+from ftbias_jax.commissioning import repeat, state
 from ftbias_jax.commissioning.calibrate import calibrate
 from ftbias_jax.commissioning.drafted import loosened, with_loose_tool
 from ftbias_jax.commissioning.judged import CONSTANT, HELD_TARE
@@ -82,7 +82,7 @@ def faked(monkeypatch):
             return ()
 
         for fake in (judge, diagnose, with_causes, identify_tool, compiled_ahead, programs_of_search):
-            for place in (module, repeat):
+            for place in (module, repeat, state):
                 monkeypatch.setattr(place, fake.__name__, fake, raising=place is module)
         return calls
 
@@ -224,17 +224,17 @@ def test_unseen_accelerations_of_a_log_of_orientations_are_found_in_steps(monkey
 
     monkeypatch.setattr(module, "judge", judge)
     setup = parse_setup(tomllib.loads(POSES))
-    begin = module._State(setup, judge(setup, (), 0.25), ())
-    state = module._with_noise(begin, module._Context((), (), (), 0.25, lambda words: None, None, None))
-    assert state.setup.pose.acceleration_std == found
-    (step,) = state.steps[-1:]
+    begin = state.State(setup, judge(setup, (), 0.25), ())
+    after = module._with_noise(begin, state.Context((), (), (), 0.25, lambda words: None, None, None))
+    assert after.setup.pose.acceleration_std == found
+    (step,) = after.steps[-1:]
     assert step.kept is (found != 0.3)
     assert step.parts == ("noise",)
 
 
 def test_joints_have_no_unseen_accelerations():
-    begin = module._State(TRUE, judged(), ())
-    assert module._with_noise(begin, module._Context((), (), (), 0.25, lambda words: None, None, None)) is begin
+    begin = state.State(TRUE, judged(), ())
+    assert module._with_noise(begin, state.Context((), (), (), 0.25, lambda words: None, None, None)) is begin
 
 
 @pytest.mark.parametrize(("logs", "hold_out", "field"), [([], 0.25, "logs"), ([LOG], 0.95, "hold_out")])
