@@ -1,18 +1,14 @@
 """Events of one log that are no property of its robot, and so are left out of a setup for logs recorded next."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import Any
 
 from ftbias_jax.commissioning.result import Step
 from ftbias_jax.diagnosis.result import WANDER, Diagnosis
 from ftbias_jax.diagnosis.tool_first import left_open
-from ftbias_jax.model.effects.terms.parse import TERM
+from ftbias_jax.model.effects.terms.parse import TERM, goes_by_clock
 from ftbias_jax.model.own_effects import catalogue_of_setup
 from ftbias_jax.setup.types import Setup
-
-DRIVES = ("time", "load_time", "frequency")
-"""Drives of terms that depend on the time since the first sample of their log."""
 
 
 def without_events(setup: Setup, given: Setup) -> tuple[Setup, tuple[str, ...]]:
@@ -27,7 +23,7 @@ def without_events(setup: Setup, given: Setup) -> tuple[Setup, tuple[str, ...]]:
     ]
     terms = list(setup.effects.get(TERM, ()))
     known = len(stated.get(TERM, ()))
-    lasting = [*terms[:known], *(term for term in terms[known:] if not _goes_by_clock(term))]
+    lasting = [*terms[:known], *(term for term in terms[known:] if not goes_by_clock(term))]
     effects = {name: values for name, values in setup.effects.items() if name not in (*events, TERM)}
     of_terms = [f"term of {term['drive']}" for term in terms if term not in lasting]
     kept = effects | ({TERM: lasting} if lasting else {})
@@ -51,7 +47,3 @@ def other_causes(setup: Setup, looked_for: Collection[str]) -> set[str]:
 def same_causes(one: Setup, other: Setup, draft: Setup) -> bool:
     """Whether two setups from one draft have the same effects, except for those that the draft leaves open."""
     return {*one.effects} ^ {*other.effects} <= {*left_open(draft, catalogue_of_setup(draft))}
-
-
-def _goes_by_clock(term: Mapping[str, Any]) -> bool:
-    return term["drive"] in DRIVES or "time" in term

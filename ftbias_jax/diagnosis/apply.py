@@ -41,7 +41,7 @@ def with_causes(
         terms: appended to those of the setup; a bias that wanders changes what the setup states of the bias.
         model_stderr: (6,) N, Nm, standard error of the reading with the causes, used if larger than the setup's.
     """
-    from ftbias_jax.model.effects.terms.parse import TERM
+    from ftbias_jax.model.effects.terms.parse import TERM, goes_by_clock
     from ftbias_jax.model.params import NOISE_LEVEL, with_noise_as_known
 
     causes = [cause for cause in causes if not _refusal(setup, {cause.effect: cause.parameters})]
@@ -49,7 +49,8 @@ def with_causes(
     setup, causes = _with_tool(setup, causes)
     setup = _with_wander(setup, terms)
     terms = [term for term in _of_effects(terms) if not _refusal(setup, {TERM: [term.section]})]
-    of_terms = [np.array(term.reading_stderr) for term in terms if len(term.reading_stderr)]
+    lasting = [term for term in terms if len(term.reading_stderr) and not goes_by_clock(term.section)]
+    of_terms = [np.array(term.reading_stderr) for term in lasting]  # the bias follows what goes by the clock
     setup = _with_model_error(setup, ([model_stderr] if causes and model_stderr is not None else []) + of_terms)
     sections = [term.section for term in terms]
     effects: dict[str, Any] = {**setup.effects, **{cause.effect: cause.parameters for cause in causes}}

@@ -101,6 +101,7 @@ def stderr_beside(setup: Setup, problem: Problem, accepted: Fit) -> tuple[dict[s
     beside = _with_left_open(setup, problem, accepted)
     of_tool = {} if _of_tool(problem).keys() & problem.known else _stderr_of_tool(setup, problem, beside)
     given = [name for name, effect in _of_tool(problem).items() if setup.tool.has_errors(effect.tool_keys)]
+    given += [name for name, effect in problem.catalogue.items() if effect.goes_by_clock]  # the bias follows these
     return of_tool, stderr_of_reading(problem, beside, given)
 
 

@@ -121,17 +121,20 @@ def expected(t: Float[Array, " N"], stated: BiasNoise) -> Float[Array, "N 6"]:
 
 
 def offset_of(blocks: Blocks, slow: Float[Array, " 6"], stated: BiasNoise) -> Float[Array, " 6"]:
-    """Measured bias of the first blocks minus the prior's mean, (6,) N, Nm, where it is FAR from it; 0 elsewhere.
+    """Measured bias of the first blocks minus the prior's mean, (6,) N, Nm; 0 if it is not FAR from it on any axis.
+
+    What moves the bias of one axis that far, such as a restart or another temperature, moves the others as well.
 
     Raw readings of some sensors have offsets of kilonewtons, which a filter would reject as contact forever. But a
     slightly wrong model is off by as much as it varies later on, and that is not an offset.
     """
     unmeasured = ~jnp.isfinite(blocks.mean).any(1)
     rows = jnp.argsort(unmeasured, stable=True)[:FIRST]
-    first = jnp.nan_to_num(nan_median(blocks.mean[rows]))
+    first = nan_median(blocks.mean[rows])
     mean, std = stated.prior_mean[:6], stated.prior_std[:6]
     usual = jnp.hypot(std, slow)
-    return jnp.where(jnp.abs(first - mean) > FAR * jnp.maximum(usual, 1e-12), first - mean, 0.0)
+    offset = jnp.where(jnp.isnan(first), 0.0, first - mean)
+    return jnp.where((jnp.abs(offset) > FAR * jnp.maximum(usual, 1e-12)).any(), offset, 0.0)
 
 
 def prior_with(stated: BiasNoise, offset: Float[Array, " 6"]) -> Float[Array, " 12"]:

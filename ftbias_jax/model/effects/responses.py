@@ -141,8 +141,9 @@ def play(output: Array, value: Array, width: Array) -> Array:
 
 def delayed(t: Array, signal: Array, delay: Array) -> Array:
     """Signal (T, k) at t - delay, () or (T,) s, by linear interpolation; outside the log its first or last value."""
-    when = t - delay
-    before = jnp.clip(jnp.searchsorted(t, when, side="right") - 1, 0, t.shape[0] - 2)
+    when = jnp.minimum(t - delay, t[-1])
+    # From the left, because padding repeats the last stamp, and its states are not those of the last sample.
+    before = jnp.clip(jnp.searchsorted(t, when, side="left") - 1, 0, t.shape[0] - 2)
     length = t[before + 1] - t[before]
     share = jnp.clip((when - t[before]) / jnp.where(length > 0, length, 1), 0, 1)[:, None]
     return (1 - share) * signal[before] + share * signal[before + 1]

@@ -111,10 +111,12 @@ def channels(
     if sure.all() and (spread < SURE).all() and unit == "%":
         which = "all six channels"
     elif sure.sum() > 1:
-        which += f" and {'others' if sure.sum() > 2 else next(a for a in AXES if sure[AXES.index(a)] and a != which)}"
+        others = "others" if sure.sum() > 2 else next(a for a in AXES if sure[AXES.index(a)] and a != which)
+        alike = (np.sign(away[sure]) == np.sign(away[largest])).all()
+        which += f" and {others}" if alike else f" ({others} differently)"
     error = np.nan if exact else factor * float(stderr[largest])
     value_shown = value_words(factor * abs(float(away[largest])), error)
-    verb = "reads" if which in AXES else "read"
+    verb = "read" if "and" in which or "all" in which else "reads"
     sign = "much" if away[largest] > 0 else "little"
     return _filled(words, estimates, value=f"{value_shown} {shown}".rstrip(), channel=which, sign=sign, verb=verb)
 

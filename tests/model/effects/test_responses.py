@@ -123,3 +123,9 @@ def test_logs_one_after_the_other_do_not_know_of_each_other(drive):
     alone = [drive(np, t, signal, np.array(1.4)) for t, signal in zip(times, signals, strict=True)]
     together = drive(np, np.concatenate(times), np.concatenate(signals), np.array(1.4))
     np.testing.assert_allclose(together, np.concatenate(alone), rtol=1e-9, atol=1e-9)
+
+
+def test_a_negative_delay_holds_the_last_sample_and_none_of_the_padding():
+    t = jnp.array([0.0, 0.1, 0.2, 0.2, 0.2])
+    signal = jnp.array([[1.0], [2.0], [4.0], [jnp.nan], [jnp.nan]])
+    np.testing.assert_allclose(delayed(t, signal, jnp.array(-0.05))[:3, 0], [1.5, 3.0, 4.0], rtol=1e-6)

@@ -15,6 +15,9 @@ TERM = "term"
 """Key of the terms among the effects of a setup."""
 FIXED = ("drive", "form", "frame", "acts_as", "joint", "columns", "point", "coefficients", "text")
 
+BY_CLOCK = ("time", "load_time", "frequency")
+"""Drives of terms that depend on the time since the first sample of their log."""
+
 MakeError = Callable[..., FtbiasError]
 """(message, field=..., remedy=...) -> the error to raise."""
 
@@ -28,6 +31,11 @@ def parse_terms(sections: Any, error: MakeError = SetupError) -> dict[str, Term]
     if not isinstance(sections, Sequence) or not all(isinstance(section, Mapping) for section in sections):
         raise error(f"expected tables, got {show(sections)}", field="effects.term", remedy="write [[effects.term]]")
     return {str(i): _term(section, i, error) for i, section in enumerate(sections, 1)}
+
+
+def goes_by_clock(section: Mapping[str, Any]) -> bool:
+    """Whether a term depends on the time since the first sample of its log."""
+    return section["drive"] in BY_CLOCK or "time" in section
 
 
 def _term(section: Mapping[str, Any], number: int, error: MakeError) -> Term:
