@@ -42,6 +42,7 @@ from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.runtime.jax_config import in_float64, same_precision
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup import GivenSetup, as_setup
+from ftbias_jax.setup.export.payload import with_effects_in_keys
 from ftbias_jax.setup.types import COMPENSATED, Setup
 
 QUIETER = 3.0
@@ -114,6 +115,7 @@ def calibrate(
         if repeated is not None and not compare(judge(repeated, whole, hold_out), state.judged).is_worse:
             final = repeated
     final, events = without_events(final, setup)
+    final = with_effects_in_keys(final, keep=given.effects)
     if bias:
         progress("taking the bias of the longest log")
         found = identify_tool(final, longest(logs), bias=True, translation=False, unchecked=True)

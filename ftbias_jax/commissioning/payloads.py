@@ -9,6 +9,7 @@ from ftbias_jax.diagnosis.apply import with_causes
 from ftbias_jax.diagnosis.diagnose import diagnose
 from ftbias_jax.diagnosis.result import FoundTerm
 from ftbias_jax.diagnosis.terms.phrases import intervals_in_words
+from ftbias_jax.diagnosis.thresholds import SURE
 from ftbias_jax.errors import LogError
 from ftbias_jax.io import GivenLog
 from ftbias_jax.model.effects.statements import value_words
@@ -43,7 +44,7 @@ def identify_payloads(
 
     Raises:
         SetupError: the log shows that the setup is wrong.
-        LogError: the log shows no part that is taken up or put down.
+        LogError: the log shows no part that is taken up or put down, or one that is lighter than nothing.
     """
     setup = as_setup(setup)
     found = diagnose(setup, log, unchecked=unchecked, progress=progress)
@@ -51,6 +52,12 @@ def identify_payloads(
     if not parts:
         remedy = "look at what ftbias diagnose says, or leave out --payloads"
         raise LogError(f"shows no load that is taken up or put down: {found.sentence}", field="wrench", remedy=remedy)
+    for part in parts:
+        mass, stderr = (float(np.asarray(x["kg"])) for x in (part.coefficients, part.stderr))
+        if mass < -SURE * stderr:
+            message = f"shows a {_in_words(part)}: the tool that the setup states is not the one without the part"
+            remedy = "identify the tool from a log in which it carries nothing, and give that setup"
+            raise LogError(message, field="wrench", remedy=remedy)
     return Payloads(with_causes(setup, (), parts), parts)
 
 

@@ -162,6 +162,13 @@ class LogGap(NamedTuple):
     parameters: dict[str, dict[str, Numbers]]
     """Effect -> the cause's parameters by this log alone."""
     stderr: dict[str, dict[str, Numbers]]
+    nats: float = 0.0
+    """Gain by the causes on the held-out blocks of this log; negative if the log contradicts them."""
+
+    @property
+    def is_raised(self) -> bool:
+        """Whether the causes add more than the noise to its error."""
+        return self.after_sigmas**2 - self.before_sigmas**2 > 1
 
 
 class Course(NamedTuple):

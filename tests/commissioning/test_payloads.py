@@ -44,6 +44,12 @@ def test_loads_become_part_of_the_setup_and_other_terms_do_not(told):
     assert str(found) == f"load of 0.3000 ± 0.0060 kg at {where}, {when}"
 
 
+def test_a_load_that_is_lighter_than_nothing_is_an_error_of_the_tool(told):
+    told(part(), part()._replace(coefficients={"kg": -0.08}))
+    with pytest.raises(ft.LogError, match=r"load of -0.0800 .* the tool that the setup states is not the one"):
+        ft.identify_payloads(ft.parse_setup(SETUP), None)
+
+
 def test_a_log_without_a_load_is_refused_with_what_it_shows(told):
     told()
     with pytest.raises(ft.LogError, match="no load that is taken up or put down: The log agrees"):

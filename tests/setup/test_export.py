@@ -8,12 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import ftbias_jax as ft
+from ftbias_jax.cli.commands.demo import SETUP as DEMO
 from ftbias_jax.cli.main import main
 from ftbias_jax.errors import OutputError, SetupError, UsageError
 from ftbias_jax.model.effects.catalogue import CATALOGUE
+from ftbias_jax.model.simulate_log import simulate
 from ftbias_jax.setup import load_setup, parse_setup
 from ftbias_jax.setup.export import FORMATS, export_text
-from ftbias_jax.setup.export.payload import OF_TOOL, ExportOptions
+from ftbias_jax.setup.export.payload import OF_TOOL, ExportOptions, with_effects_in_keys
+from ftbias_jax.setup.rotations import rotation_from_rpy
 
 SETUP = {
     "robot": {"model": "ur5e"},
@@ -245,6 +249,23 @@ def test_the_tool_that_effects_state_is_exported():
         assert [line for line in found.splitlines() if not line.startswith("#")] == [
             line for line in stated.splitlines() if not line.startswith("#")
         ]
+
+
+def test_effects_in_the_keys_of_the_setup_are_the_same_model():
+    """With a sensor that is turned on the flange; what ``keep`` names stays an effect."""
+    setup = parse_setup(DEMO)
+    setup = replace(setup, sensor=replace(setup.sensor, rotation=rotation_from_rpy(np.array([0.3, -0.2, 1.1]))))
+    effects = {"tool_mass": {"mass": 1.2}, "tool_inertia": {"inertia": [2e-3, 1e-4, 0.0, 3e-3, 0.0, 1e-3]}}
+    effects |= {"mount_translation": {"translation": [0.01, -0.02, 0.04]}, "low_pass": {"cutoff": 20.0}}
+    with_effects = replace(setup, effects=effects)
+    in_keys = with_effects_in_keys(with_effects)
+    assert set(in_keys.effects) == {"low_pass"}
+    assert in_keys.tool.mass == 1.2
+    assert with_effects_in_keys(with_effects, keep=effects) is with_effects
+    log = simulate(with_effects, duration=5, rate=100, seed=2).log
+    found, expected = (ft.filter_log(each, log) for each in (in_keys, with_effects))
+    np.testing.assert_allclose(found.wrench_tool, expected.wrench_tool, atol=1e-4)  # single precision
+    np.testing.assert_allclose(found.bias, expected.bias, atol=1e-4)
 
 
 def test_the_command_and_the_method_write_the_same(tmp_path, monkeypatch, capsys):

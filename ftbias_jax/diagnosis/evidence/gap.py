@@ -216,13 +216,19 @@ def compare(
         gain_per_second = gain / max(problem.durations[log], 1e-9)
         said = {effect: value for effect, (value, _) in values.items()}
         stderr = {effect: error for effect, (_, error) in values.items()}
-        found.append(LogGap(name, first, last, gain_per_second, said, stderr))
+        nats = float((before.error[own] ** 2 - after.error[own] ** 2).sum()) / 2
+        found.append(LogGap(name, first, last, gain_per_second, said, stderr, nats))
     return tuple(found)
 
 
 def worsened(by_log: Sequence[LogGap]) -> tuple[LogGap, ...]:
-    """Logs to whose error the joint explanation adds more than the noise: they do not share the others' causes."""
-    return tuple(log for log in by_log if log.after_sigmas**2 - log.before_sigmas**2 > 1)
+    """Logs that do not share the others' causes: these add more than the noise to the error, or are clearly unlikely.
+
+    A small loss of likelihood is none: real causes never have exactly the fitted form, nor the same size every day.
+    """
+    most = max((log.nats for log in by_log), default=0.0)
+    loss = max(thresholds.LEAST_GAIN, thresholds.FORM_LOSS * most)
+    return tuple(log for log in by_log if log.is_raised or log.nats < -loss)
 
 
 def _sigmas(problem: Problem, error: np.ndarray, own: np.ndarray) -> float:

@@ -48,10 +48,13 @@ def headline(
 
 def disagreement(by_log: Sequence[LogGap], worse: Sequence[LogGap]) -> str:
     """The headline of logs some of which get ``worse`` by what explains all of them together."""
-    errors = (f"of {log.name} from {log.before_sigmas:.2g} to {log.after_sigmas:.2g} noise sigmas" for log in worse)
+    raised = [log for log in worse if log.is_raised]
+    errors = [f"of {log.name} from {log.before_sigmas:.2g} to {log.after_sigmas:.2g} noise sigmas" for log in raised]
+    does = [f"raises the error {_and(errors)}"] if errors else []
+    does += [f"contradicts {log.name}" for log in worse if log not in raised]
     odd = max(by_log, key=lambda log: log.before_sigmas).name
     return (
-        f"The logs do not share one cause: what explains them together raises the error {_and(errors)}. "
+        f"The logs do not share one cause: what explains them together {_and(does)}. "
         f"Diagnose them one by one, {odd} first; do not apply this."
     )
 

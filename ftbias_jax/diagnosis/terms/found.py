@@ -259,17 +259,12 @@ def sentence(term: Term, values: np.ndarray, stderr: np.ndarray, share: float) -
 
 
 def statement(term: Term, values: np.ndarray, stderr: np.ndarray, rms: str) -> str:
-    """Description for a headline, without frame and share; several coefficients are summarised by their length.
-
-    The length is that of the force, or else of the torque; where coefficients have other units, it is the ``rms``.
-    """
-    if len(values) == 1:
-        return f"{_what(term)} of {_size(term, values, stderr)} {_does(term)}"
-    units = [one.unit for one in coefficients_of(term)]
-    if {*units} <= {"N", "Nm"}:
+    """Description for a headline; several coefficients are summarised by their ``rms``, or the length of a force."""
+    size, units = f"about {rms}", [one.unit for one in coefficients_of(term)]
+    if term.drive == "time" and {*units} <= {"N", "Nm"}:  # the rms over the whole log says little about its part
         unit = "N" if "N" in units else "Nm"
-        rms = f"{np.linalg.norm(values[[each == unit for each in units]]):.2g} {unit}"
-    return f"{_what(term)} of about {rms} {_does(term)}"
+        size = f"about {np.linalg.norm(values[[each == unit for each in units]]):.2g} {unit}"
+    return f"{_what(term)} of {_size(term, values, stderr) if len(values) == 1 else size} {_does(term)}"
 
 
 def _what(term: Term) -> str:

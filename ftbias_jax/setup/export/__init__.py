@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ftbias_jax.errors import UsageError
-from ftbias_jax.setup.export.payload import DEFAULT, ExportOptions, franka_text, ur_text, with_tool_of_effects
+from ftbias_jax.setup.export.payload import DEFAULT, ExportOptions, franka_text, ur_text, with_effects_in_keys
 from ftbias_jax.setup.export.ros import ft_calib_text, ros_text
 from ftbias_jax.setup.save import write_text
 from ftbias_jax.setup.types import Setup
@@ -33,7 +33,7 @@ def export_text(setup: Setup, name: str, options: ExportOptions = DEFAULT) -> st
     """
     if name not in FORMATS:
         raise UsageError(f"there is no format {name!r}", field="format", remedy=f"choose from {', '.join(FORMATS)}")
-    return FORMATS[name](with_tool_of_effects(setup), options)
+    return FORMATS[name](with_effects_in_keys(setup), options)
 
 
 def save_export(setup: Setup, path: str | os.PathLike[str], format: str, **options: Any) -> None:

@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import tomllib
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -41,17 +42,31 @@ class ExportOptions(NamedTuple):
 DEFAULT = ExportOptions()
 OF_TOOL = {"tool_mass": "mass", "tool_com": "center_of_mass", "tool_inertia": "inertia"}
 """Effect -> its parameter, which replaces the key of [tool] with the same name."""
+PLACE, PLACE_KEY = "mount_translation", "sensor.translation"
+"""Effect whose parameter, in sensor axes, is added to the place of the sensor in the flange frame."""
 
 
-def with_tool_of_effects(setup: Setup) -> Setup:
-    """The setup with the tool that its effects state, as a diagnosis writes them, in [tool]."""
-    found = {key: setup.effects[effect][key] for effect, key in OF_TOOL.items() if effect in setup.effects}
-    if not found:
+def with_effects_in_keys(setup: Setup, keep: Collection[str] = ()) -> Setup:
+    """The same model, with what effects change of the tool and of the sensor's place in [tool] and [sensor].
+
+    Args:
+        setup: setup with effects such as a diagnosis writes.
+        keep: effects that stay as they are.
+    """
+    found = {effect: key for effect, key in OF_TOOL.items() if effect in setup.effects and effect not in keep}
+    values: dict[str, Any] = {key: setup.effects[effect][key] for effect, key in found.items()}
+    values = {key: np.asarray(x, float) if np.ndim(x) else float(x) for key, x in values.items()}
+    sensor, keys = setup.sensor, {effect: f"tool.{key}" for effect, key in found.items()}
+    if PLACE in setup.effects and PLACE not in keep and setup.pose is None:
+        shift = np.asarray(setup.effects[PLACE]["translation"], float)
+        sensor, keys[PLACE] = replace(sensor, translation=sensor.translation + sensor.rotation @ shift), PLACE_KEY
+    if not keys:
         return setup
-    values: dict[str, Any] = {key: np.asarray(x, float) if np.ndim(x) else float(x) for key, x in found.items()}
-    rest = {name: effect for name, effect in setup.effects.items() if name not in OF_TOOL}
-    comments = {**setup.comments, **{f"tool.{key}": "of the setup's effects" for key in found}}
-    return replace(setup, tool=replace(setup.tool, **values), effects=rest, comments=comments)
+    rest = {name: effect for name, effect in setup.effects.items() if name not in keys}
+    comments = dict(setup.comments)
+    for effect, key in keys.items():
+        comments[key] = comments.pop(f"effects.{effect}.{key.rpartition('.')[2]}", "of the setup's effects")
+    return replace(setup, tool=replace(setup.tool, **values), sensor=sensor, effects=rest, comments=comments)
 
 
 def heading(setup: Setup) -> list[str]:
