@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Iterator
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.draft.evidence import LEAST_SAMPLES, ToolEstimate, usable_rows, weigh
+from ftbias_jax.io.draft.evidence import LEAST_SAMPLES, OUTLIER, ToolEstimate, usable_rows, weigh
 from ftbias_jax.io.draft.robot import Keys
 from ftbias_jax.io.draft.table import ALSO, Table
 from ftbias_jax.io.log import Log
@@ -32,22 +33,37 @@ NEAR = 1.25
 FARTHEST = 20.0
 """m, farther from the base than any robot reaches."""
 
+MOUNTED, RIGID = 0.4, 0.7
+"""Share of the residual that a turned mount must leave at most, and least ratio of the singular values of its map."""
 UNUSUAL = {"sensor_pose.conjugate", "log.wrench_axes"}
 """Keys of conventions other than the usual one."""
-LEAST_TURN = 0.05
-"""Mean square change of the least changing base axis in the sensor frame, below which gravity's direction is open."""
+LEAST_TURN, LEAST_DIP = 0.05, 0.001
+"""Mean square changes below which a rotation is open: of the base axis, or the component of the unit vector of
+gravity, that changes least in the sensor frame."""
 
 Read = Callable[[Keys], tuple[Setup, Log]]
 """Reads the log with further keys."""
 
 
-def best_reading(ways: Iterator[Keys], read: Read) -> tuple[Keys, ToolEstimate] | None:
+class Reading(NamedTuple):
+    """A convention by which a log may be read, and what it then shows."""
+
+    keys: Keys
+    tool: ToolEstimate
+    """In the axes of the sensor."""
+    mount: Array
+    """(3, 3) rotation of the sensor in the recorded frame."""
+
+
+def best_reading(ways: Iterator[Keys], read: Read) -> Reading | None:
     """Convention with the smallest force residual, and the tool it shows; the usual one unless another is much better.
 
     With the usual axes, gravity may have any direction: with other axes the constant bias would turn like a weight, and
-    explain a base that is not level. None if no convention lets the motion show the tool's weight.
+    explain a base that is not level. The sensor may be turned, if it is not as well explained without that. None if no
+    convention lets the motion show the tool's weight.
     """
-    best: tuple[Keys, ToolEstimate] | None = None
+    best: Reading | None = None
+    turned: Reading | None = None
     for keys in ways:
         try:
             setup, log = read(keys)
@@ -63,9 +79,45 @@ def best_reading(ways: Iterator[Keys], read: Read) -> tuple[Keys, ToolEstimate] 
             tried.append(({**keys, "robot.gravity": Known(gravity, words)}, np.array(gravity)))
         for further, gravity in tried:
             found = weigh(log.t, rotations, gravity, log.wrench)
-            if found and (best is None or found.residual < BETTER * best[1].residual):
-                best = further, found
-    return best
+            if found and (best is None or found.residual < BETTER * best.tool.residual):
+                best = Reading(further, found, np.eye(3))
+        mount = likely_mount(rotations, setup.robot.gravity, log.wrench)
+        found = None if mount is None else weigh(log.t, rotations @ mount, setup.robot.gravity, log.wrench)
+        if found and (turned is None or found.residual < BETTER * turned.tool.residual):
+            turned = Reading(keys, found, mount)
+    return turned if best and turned and turned.tool.residual < MOUNTED * best.tool.residual else best
+
+
+def likely_mount(rotations: Array, gravity: Array, wrench: Array) -> Array | None:
+    """Rotation (3, 3) of the sensor in the frame whose orientation is recorded, by the force; None if undetermined.
+
+    A controller reports the pose of the tool frame that is active, which is turned and shifted relative to the flange.
+    The weight is fitted by any linear map of gravity: the nearest rotation is the mount, and a map that mirrors is that
+    of a sensor that reports the opposite sign.
+
+    Args:
+        rotations: (T, 3, 3) recorded frame in the base frame.
+        gravity: (3,) m/s^2, base frame.
+        wrench: (T, 6) N, Nm, as the sensor reports it.
+    """
+    rows = usable_rows(rotations, wrench)
+    if len(rows) < LEAST_SAMPLES:
+        return None
+    support, force = -np.einsum("tji,j->ti", rotations[rows], gravity), wrench[rows, :3]
+    kept = np.ones(len(rows), bool)
+    for _ in range(2):  # the second time without contact and fast motion
+        swing, pull = support - support[kept].mean(0), force - force[kept].mean(0)
+        normal = swing[kept].T @ swing[kept]
+        if np.linalg.eigvalsh(normal)[0] < kept.sum() * LEAST_DIP * (gravity**2).sum():
+            return None
+        linear = np.linalg.solve(normal, swing[kept].T @ pull[kept]).T
+        error = np.linalg.norm(pull - swing @ linear.T, axis=1)
+        kept = error < OUTLIER * np.median(error) + 1e-9
+    U, sizes, V = np.linalg.svd(linear)
+    if sizes[-1] < RIGID * sizes[0]:
+        return None
+    rotation: Array = np.sign(np.linalg.det(U @ V)) * (U @ V).T
+    return rotation
 
 
 def likely_gravity(rotations: Array, wrench: Array) -> Array | None:
@@ -102,17 +154,14 @@ def ways_of(table: Table) -> Iterator[Keys]:
         yield keys
 
 
-def position_axes(read: Read, mass: float) -> Keys:
-    """Keys for the axes of the recorded position; it is not used if the tool's inertia explains none of the forces.
-
-    ``mass`` is in kg, negative if the sensor reports the opposite sign.
-    """
+def position_axes(read: Read, found: Reading) -> Keys:
+    """Keys for the axes of the recorded position; it is not used if the tool's inertia explains none of the forces."""
     _, log = read({"sensor_pose.linear": Known("position")})
     keys: Keys = {}
     if np.abs(log.q[np.isfinite(log.q[:, 4:]).all(1), 4:]).max(initial=0.0) > FARTHEST:
         keys["log.length_unit"] = Known("mm", "because no robot reaches so far in m")
-    at_rest, base = _left_by_inertia(lambda more: read({**keys, **more}), "base", mass)
-    _, body = _left_by_inertia(lambda more: read({**keys, **more}), "body", mass)
+    at_rest, base = _left_by_inertia(lambda more: read({**keys, **more}), "base", found)
+    _, body = _left_by_inertia(lambda more: read({**keys, **more}), "body", found)
     if min(base, body) > USELESS * at_rest:
         return {"sensor_pose.linear": Known("none", "the forces do not show the acceleration of the recorded position")}
     keys["sensor_pose.linear"] = Known("position", "its position is recorded")
@@ -121,10 +170,10 @@ def position_axes(read: Read, mass: float) -> Keys:
     return keys
 
 
-def _left_by_inertia(read: Read, axes: str, mass: float) -> tuple[float, float]:
+def _left_by_inertia(read: Read, axes: str, found: Reading) -> tuple[float, float]:
     """N, rms residual of the forces after weight and a constant, without and with the acceleration of the position."""
     setup, log = read({"sensor_pose.linear": Known("position"), "sensor_pose.position_axes": Known(axes)})
-    rotations = sensor_rotations(log.t, log.q, setup).reshape(-1, 9)
+    rotations = (sensor_rotations(log.t, log.q, setup) @ found.mount).reshape(-1, 9)
     t, means = _slowly(log.t, np.column_stack([between(log.t, log.q[:, 4:], log.t), log.wrench[:, :3], rotations]))
     if len(t) < FEWEST:
         return 1.0, 1.0
@@ -132,7 +181,7 @@ def _left_by_inertia(read: Read, axes: str, mass: float) -> tuple[float, float]:
     acceleration = np.gradient(np.gradient(position, t, axis=0), t, axis=0)
     left = []
     for felt in (-setup.robot.gravity, acceleration - setup.robot.gravity):
-        error = force - mass * np.einsum("tji,tj->ti", turned, np.broadcast_to(felt, position.shape))
+        error = force - found.tool.mass * np.einsum("tji,tj->ti", turned, np.broadcast_to(felt, position.shape))
         error = error - np.median(error, 0)
         left.append(float(np.sqrt((error[2:-2] ** 2).sum(1).mean())))
     return left[0], left[1]

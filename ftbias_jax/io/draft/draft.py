@@ -13,9 +13,17 @@ import numpy as np
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.io import read_recorded
 from ftbias_jax.io.cleaning import clean
-from ftbias_jax.io.draft.conventions import Read, accelerometer, best_reading, gyroscope, position_axes, ways_of
+from ftbias_jax.io.draft.conventions import (
+    Read,
+    Reading,
+    accelerometer,
+    best_reading,
+    gyroscope,
+    position_axes,
+    ways_of,
+)
 from ftbias_jax.io.draft.dh_table import DhTable, from_table
-from ftbias_jax.io.draft.evidence import ToolEstimate, quietest_noise, scatter_in_motion, tool_keys, weigh
+from ftbias_jax.io.draft.evidence import quietest_noise, scatter_in_motion, tool_keys, weigh
 from ftbias_jax.io.draft.robot import (
     Keys,
     built_in,
@@ -38,6 +46,7 @@ from ftbias_jax.setup.dump import MEASURE, Known, write_template
 from ftbias_jax.setup.mjcf import load_mjcf, mjcf_robot
 from ftbias_jax.setup.parse import parse_setup
 from ftbias_jax.setup.require import orientation_alone
+from ftbias_jax.setup.rotations import vector_from_rotation
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.setup.urdf import load_urdf
 
@@ -198,20 +207,26 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
             return orientation_alone(setup), as_log(read_poses(path, setup))
         return setup, clean(read_recorded(path, setup, salvage=True), file=path)
 
+    best: Reading | None = None
     if has_pose:
         body = next(table for table in tables if table.orientation)
         keys |= {"sensor_pose.linear": Known("none"), "sensor_pose.orientation": Known(body.orientation)}
         if not any("gyroscope" in table.has for table in tables):
             keys["sensor_pose.gyroscope"] = Known(False, "none is recorded")
-        best, weighed = best_reading(ways_of(body), read) or ({}, None)
-        keys |= best | ({} if static else _of_motion(tables, body, weighed, read))
+        best = best_reading(ways_of(body), read)
+        keys |= best.keys if best else {}
+        keys |= {} if static else _of_motion(tables, body, best, read)
     elif tables and "log.angle_unit" not in keys and max(table.joints for table in tables):
         keys |= _degrees(read)
     setup, log = read({})
-    rotations = sensor_rotations(log.t, log.q, setup, path)
+    rotations, notes = sensor_rotations(log.t, log.q, setup, path), []
+    if best and (angle := np.degrees(np.linalg.norm(vector_from_rotation(best.mount)))):
+        rotations = rotations @ best.mount
+        turned = f"the recorded frame is turned about {angle:.0f} degrees relative to the sensor"
+        notes.append(f"{turned}: ftbias identify --mounting finds how")
     noise = quietest_noise(log.t, log.wrench, rotations)
     unseen = "static poses do not show it" if static else "the log has no stretch of rest that shows it"
-    notes = [] if noise else [f"the sensor's noise is a guess: {unseen}"]
+    notes += [] if noise else [f"the sensor's noise is a guess: {unseen}"]
     if tilted := keys.get("robot.gravity"):
         notes.append(f"robot.gravity {tilted.value}: {tilted.remark}")
     if noise:
@@ -243,14 +258,14 @@ def _of_tables(tables: Sequence[Table]) -> Keys:
     return keys
 
 
-def _of_motion(tables: Sequence[Table], body: Table, weighed: ToolEstimate | None, read: Read) -> Keys:
+def _of_motion(tables: Sequence[Table], body: Table, best: Reading | None, read: Read) -> Keys:
     """Keys for the source of the acceleration, and for whether a gyroscope is credible."""
     keys = gyroscope(read) if any("gyroscope" in table.has for table in tables) else {}
     imu = next((table for table in tables if table.accelerometer is not None), None)
     if imu is not None:
         keys |= accelerometer(imu, lambda more: read({**keys, **more}))
-    if "place" in body.has and weighed and "sensor_pose.linear" not in keys:
-        keys |= position_axes(lambda more: read({**keys, **more}), weighed.mass)
+    if "place" in body.has and best and "sensor_pose.linear" not in keys:
+        keys |= position_axes(lambda more: read({**keys, **more}), best)
     return keys
 
 

@@ -265,3 +265,24 @@ def test_two_tables_with_different_units_of_time(tmp_path):
     setup = drafted(tmp_path, tmp_path / "1_joints.npz", table, robot="ur5e")
     assert setup.log.time_units == {"position": "s", "wrench": "ms"}
     assert_weighed(setup)
+
+
+MOUNTS = {"turned over": (0, 0, 180.0), "odd": (150.0, 20.0, -100.0), "small": (5.0, 0, 0)}
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+@pytest.mark.parametrize("robot", ["kuka", "doosan", "axis_angle"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_tool_frame_that_is_turned_against_the_sensor_is_no_other_convention(tmp_path, mount, robot, sign):
+    """The tool points down and tilts by 40 degrees, so that the bias explains most of the weight along it."""
+    tilts = np.radians(40) * np.stack([np.sin(0.7 * T), np.sin(0.9 * T + 1), np.sin(0.5 * T + 2)], 1)
+    sensor = Rotation.from_euler("x", 180, degrees=True) * Rotation.from_rotvec(tilts)
+    recorded = sensor * Rotation.from_euler("xyz", MOUNTS[mount], degrees=True).inv()
+    names, order, _, angle, in_numbers = ROBOTS[robot]
+    values = [np.zeros((SAMPLES, 3)), in_numbers(recorded), wrench_of(sensor.as_matrix(), sign=sign)]
+    log = write(tmp_path / "log.csv", [*names.split(), *AXES], T, np.hstack(values))
+    setup = drafted(tmp_path, log)
+    assert (setup.pose.orientation, setup.log.angle_unit, setup.pose.conjugate) == (order, angle, False)
+    assert setup.log.wrench_axes == "sensor"
+    assert setup.sensor.reports == ("wrench_on_tool" if sign > 0 else "wrench_on_sensor")
+    assert setup.tool.mass == pytest.approx(made.MASS, rel=0.02)
