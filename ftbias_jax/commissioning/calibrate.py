@@ -99,10 +99,10 @@ def calibrate(
     start = with_loose_tool(setup)
 
     def again(state: State) -> Setup | None:
-        return repeat(state.steps, start, state.setup, logs, names, state.unmoved is not None)
+        return repeat(state.steps, start, state.setup, logs, names, state.unmoved is not None, bool(mounted))
 
     with ThreadPoolExecutor(WORKERS) as worker:
-        road = Context(whole, begun, names, hold_out, progress, again, worker)
+        road = Context(whole, begun, names, hold_out, progress, again, worker, bool(mounted))
         first, state, repeating = _run_steps(road, setup, start)
     if state.unmoved is not None:
         state = state._replace(setup=as_uncertain(replace(state.setup, tool=state.unmoved), state.beside))
@@ -193,7 +193,9 @@ def _with_tool(state: State, road: Context, kinds: Sequence[str]) -> State:
             if state.ahead is not None and state.ahead[0] is state.setup and not crosstalk:
                 found = state.ahead[1].result()
             else:
-                found = identify_tool(state.setup, longest(road.begun), crosstalk=crosstalk, unchecked=True)
+                found = identify_tool(
+                    state.setup, longest(road.begun), mounting=road.mounting, crosstalk=crosstalk, unchecked=True
+                )
         except FtbiasError as error:
             return _refused(state, kind, kind, str(error))
         if why := nothing_found(found, crosstalk):

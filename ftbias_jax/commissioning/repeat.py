@@ -18,7 +18,13 @@ from ftbias_jax.types import Array
 
 
 def repeat(
-    steps: Sequence[Step], start: Setup, reached: Setup, logs: Sequence[Log], names: Sequence[str], first_tool: bool
+    steps: Sequence[Step],
+    start: Setup,
+    reached: Setup,
+    logs: Sequence[Log],
+    names: Sequence[str],
+    first_tool: bool,
+    mounting: bool = False,
 ) -> Setup | None:
     """Repeat, with the whole logs, the steps that were kept; None if these do not show the same causes.
 
@@ -29,6 +35,7 @@ def repeat(
         logs: whole logs, as they were given.
         names: names of the logs.
         first_tool: take the tool as it was identified last, whatever causes changed in it.
+        mounting: identify the rotation of the sensor with the tool.
     """
     setup, looked_for, kept = start, set[str](), [step for step in steps if step.kept]
     beside: Mapping[str, Array] = {}
@@ -37,7 +44,9 @@ def repeat(
             if step.kind in (FIRST, TOOL, CHANNELS):
                 place = False if step.kind == FIRST else None
                 crosstalk, log = step.kind == CHANNELS, longest(logs)
-                found = identify_tool(setup, log, crosstalk=crosstalk, translation=place, unchecked=True).setup
+                found = identify_tool(
+                    setup, log, mounting=mounting, crosstalk=crosstalk, translation=place, unchecked=True
+                ).setup
                 setup = loosened(found, setup) if step.kind == FIRST else as_uncertain(found, beside)
             elif step.kind == NOISE:
                 setup = replace(setup, pose=reached.pose)

@@ -28,11 +28,15 @@ class Context(NamedTuple):
     """Repeats, with the whole logs, the steps that were kept."""
     worker: ThreadPoolExecutor
     """Computes what is needed next if the step under evaluation is kept, or if nothing more is found."""
+    mounting: bool = False
+    """Whether the rotation of the sensor is identified with the tool: a delay, for example, looks like one."""
 
     def tool_ahead(self, setup: Setup, translation: bool | None = None) -> tuple[Setup, Future[IdentifyResult]]:
         """Start to identify the tool of a setup in the background."""
         log = longest(self.begun)
-        return setup, self.worker.submit(identify_tool, setup, log, translation=translation, unchecked=True)
+        return setup, self.worker.submit(
+            identify_tool, setup, log, mounting=self.mounting, translation=translation, unchecked=True
+        )
 
 
 class State(NamedTuple):

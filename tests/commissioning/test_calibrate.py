@@ -65,7 +65,7 @@ def faked(monkeypatch):
         def with_causes(setup, causes, terms=(), model_stderr=None):
             return replace(setup, effects={**setup.effects, **{cause.effect: cause.parameters for cause in causes}})
 
-        def identify_tool(setup, log, crosstalk=False, bias=False, translation=None, unchecked=True):
+        def identify_tool(setup, log, mounting=False, crosstalk=False, bias=False, translation=None, unchecked=True):
             calls.append(("identify", readings(log)))
             if trouble:
                 raise LogError(trouble)
