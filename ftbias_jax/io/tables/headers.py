@@ -69,16 +69,21 @@ FIXED: Mapping[str, tuple[Names, ...]] = {
     **{
         f"quaternion_{order}": (
             *(tuple(f"{stem}{x}" for x in order) for stem in QUATERNIONS),
-            tuple(f"q{1 + 'wxyz'.index(x)}" for x in order),  # of an ABB
+            *(
+                tuple(f"{stem}{first + 'wxyz'.index(x)}" for x in order) for stem, first in (("q", 1), ("u", 0))
+            ),  # of ABB
         )
         for order in ("xyzw", "wxyz")
     },
     "matrix": (tuple(f"r{i}{j}" for i in "123" for j in "123"),),
     "axis_angle": (("rx", "ry", "rz"), tuple(f"actual_tcp_pose_{i}" for i in (3, 4, 5))),
     # Columns C, B, A of a KUKA; W, P, R of a Fanuc; those of other robots, as those of an axis-angle, are rx, ry, rz.
-    "rpy": (("roll", "pitch", "yaw"), ("c", "b", "a"), ("w", "p", "r"), ("rx", "ry", "rz")),
+    "rpy": (
+        *(("roll", "pitch", "yaw"), ("c", "b", "a"), ("rist_c", "rist_b", "rist_a"), ("w", "p", "r")),
+        ("rx", "ry", "rz"),
+    ),
     "place": (
-        *(tuple(f"{stem}{x}" for x in "xyz") for stem in ("", "position_")),
+        *(tuple(f"{stem}{x}" for x in "xyz") for stem in ("", "position_", "rist_")),
         tuple(f"actual_tcp_pose_{i}" for i in range(3)),
     ),
     "gyroscope": tuple(tuple(f"{stem}{x}" for x in "xyz") for stem in ("w", "angular_velocity_", "gyro_")),

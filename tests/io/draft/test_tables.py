@@ -117,6 +117,12 @@ def test_the_axes_of_a_position_are_those_whose_acceleration_the_forces_show(tmp
 
 ROBOTS = {
     "kuka": ("X Y Z A B C", "rpy", "mm", "deg", lambda r: np.degrees(r.as_euler("ZYX"))),
+    "rsi": (
+        "RIst.X RIst.Y RIst.Z RIst.A RIst.B RIst.C",
+        *("rpy", "mm", "deg"),
+        lambda r: np.degrees(r.as_euler("ZYX")),
+    ),
+    "egm": ("x y z u0 u1 u2 u3", "quaternion_xyzw", "mm", "rad", lambda r: r.as_quat()[:, [3, 0, 1, 2]]),
     "fanuc": ("x y z w p r", "rpy", "mm", "deg", lambda r: np.degrees(r.as_euler("xyz"))),
     "doosan": (
         "x[mm] y[mm] z[mm] rx[deg] ry[deg] rz[deg]",
