@@ -193,9 +193,7 @@ def _with_tool(state: State, road: Context, kinds: Sequence[str]) -> State:
             if state.ahead is not None and state.ahead[0] is state.setup and not crosstalk:
                 found = state.ahead[1].result()
             else:
-                found = identify_tool(
-                    state.setup, longest(road.begun), mounting=road.mounting, crosstalk=crosstalk, unchecked=True
-                )
+                found = road.identify(state.setup, crosstalk=crosstalk)
         except FtbiasError as error:
             return _refused(state, kind, kind, str(error))
         if why := nothing_found(found, crosstalk):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ftbias_jax.calibration.identify_tool import identify_tool
-from ftbias_jax.check.check_setup import require_right
+from ftbias_jax.check.check_setup import check_setup
 from ftbias_jax.commissioning.drafted import loosened
 from ftbias_jax.commissioning.logs import longest
 from ftbias_jax.commissioning.result import MOUNTING, Step
@@ -34,10 +34,11 @@ def with_mounting(
         the setup with the rotation and the tool that the logs show with it, and the step; () = the setup is right.
 
     Raises:
-        SetupError, LogError: as ``require_right``.
+        SetupError, LogError: as ``Check.require_ok``.
     """
+    check = check_setup(setup, whole)
     try:
-        require_right(setup, whole, "calibrate", unchecked=False)
+        check.require_ok("calibrate")
         return setup, ()
     except SetupError as error:
         open_rotation = np.array_equal(setup.sensor.rotation, np.eye(3)) and (is_draft(setup) or setup.tool.unknown)
@@ -45,11 +46,11 @@ def with_mounting(
             raise
         wrong = error
     progress("identifying how the sensor is turned on the flange")
-    require_right(setup, whole, "calibrate", unchecked=False, looked_for=(TURNED,))
+    check.require_ok("calibrate", looked_for=(TURNED,))
     try:
         found = identify_tool(setup, longest(begun), mounting=True, translation=False).setup
         turned = replace(loosened(found, setup), bias=replace(setup.bias, model_std=found.bias.model_std))
-        require_right(turned, whole, "calibrate", unchecked=False)
+        check_setup(turned, whole).require_ok("calibrate")
     except FtbiasError:
         raise wrong from None
     vector = ", ".join(f"{x:.3g}" for x in np.degrees(vector_from_rotation(turned.sensor.rotation)))

@@ -31,12 +31,16 @@ class Context(NamedTuple):
     mounting: bool = False
     """Whether the rotation of the sensor is identified with the tool: a delay, for example, looks like one."""
 
+    def identify(self, setup: Setup, crosstalk: bool = False, translation: bool | None = None) -> IdentifyResult:
+        """Identify the tool of a setup from the longest log."""
+        log, mounting = longest(self.begun), self.mounting
+        return identify_tool(
+            setup, log, mounting=mounting, crosstalk=crosstalk, translation=translation, unchecked=True
+        )
+
     def tool_ahead(self, setup: Setup, translation: bool | None = None) -> tuple[Setup, Future[IdentifyResult]]:
         """Start to identify the tool of a setup in the background."""
-        log = longest(self.begun)
-        return setup, self.worker.submit(
-            identify_tool, setup, log, mounting=self.mounting, translation=translation, unchecked=True
-        )
+        return setup, self.worker.submit(self.identify, setup, translation=translation)
 
 
 class State(NamedTuple):

@@ -10,7 +10,7 @@ import numpy as np
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.accelerometer import Calibration, calibrate_accelerometer
 from ftbias_jax.io.log import Log, Repair, Repairs
-from ftbias_jax.setup.recorded import LENGTH_UNITS, PoseSetup
+from ftbias_jax.setup.recorded import LENGTH_UNITS, OF_ANGLES, PoseSetup
 from ftbias_jax.setup.rotations import quaternions_of, skew
 from ftbias_jax.setup.types import RobotSetup, SensorSetup, Setup
 from ftbias_jax.types import Array
@@ -118,7 +118,7 @@ def _imu(rates: Array, setup: Setup, stated: PoseSetup, file: str) -> Array:
 
 def _as_recorded(orientation: Array, order: str, unit: str, file: str) -> Array:
     """Recorded orientations as (T, 4) unit quaternions w, x, y, z; NaN for rows that were not measured."""
-    if order in ("axis_angle", "rpy"):
+    if order in OF_ANGLES:
         angles = orientation * (np.pi / 180 if unit == "deg" else 1.0)
         if order == "axis_angle":
             return _turns(angles)

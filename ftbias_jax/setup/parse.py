@@ -19,7 +19,7 @@ from ftbias_jax.setup.fields import Section, check_keys, read_only, refuse, requ
 from ftbias_jax.setup.keys.table import SECTIONS, TOP, open_section, read, read_all
 from ftbias_jax.setup.limits import read_limits
 from ftbias_jax.setup.mjcf import Mjcf, load_mjcf, mjcf_robot, mjcf_tool
-from ftbias_jax.setup.recorded import POSE, LogSetup, PoseSetup
+from ftbias_jax.setup.recorded import OF_ANGLES, POSE, LogSetup, PoseSetup
 from ftbias_jax.setup.robots import BUILT_IN, CONVENTIONS, built_in_robot, prismatic_screw, read_dh, revolute_screw
 from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.setup.urdf import load_urdf, urdf_robot, urdf_tool
@@ -74,7 +74,7 @@ def _pose(top: Section) -> PoseSetup | None:
     linear = read(section, "linear")
     if linear != "none":
         refuse(section, ("acceleration_std", "turns_about"), f"excluded by linear = {linear!r}")
-    if section.values.get("orientation") in ("matrix", "axis_angle", "rpy"):
+    if section.values.get("orientation") in ("matrix", *OF_ANGLES):
         refuse(section, ("frame",), "TF has quaternions", "leave orientation out")
     if "base" in section.values:
         require(section, "frame", "name the frame of TF that the sensor is mounted on")

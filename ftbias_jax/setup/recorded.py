@@ -11,6 +11,8 @@ from ftbias_jax.types import Array
 POSE = "sensor_pose"
 """``RobotSetup.model`` where the pose of the sensor is recorded, instead of joints."""
 ORIENTATIONS = ("quaternion_xyzw", "quaternion_wxyz", "matrix", "axis_angle", "rpy")
+OF_ANGLES = ("axis_angle", "rpy")
+"""Orientations of three angles, in the unit of angles."""
 LINEAR = ("position", "specific_force", "none")
 POSITION_AXES = ("base", "body")
 TIME_UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
@@ -61,7 +63,7 @@ class PoseSetup:
     @property
     def orientation_columns(self) -> int:
         """Number of columns of the recorded orientation."""
-        return {"matrix": 9, "axis_angle": 3, "rpy": 3}.get(self.orientation, 4)
+        return {"matrix": 9, **dict.fromkeys(OF_ANGLES, 3)}.get(self.orientation, 4)
 
     def lever(self, translation: Array) -> Array:
         """(3,) m, body's axes: from the point whose acceleration is known or zero to the sensor, at ``translation``."""

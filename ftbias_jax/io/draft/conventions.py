@@ -79,13 +79,18 @@ def best_reading(ways: Iterator[Keys], read: Read) -> Reading | None:
             tried.append(({**keys, "robot.gravity": Known(gravity, words)}, np.array(gravity)))
         for further, gravity in tried:
             found = weigh(log.t, rotations, gravity, log.wrench)
-            if found and (best is None or found.residual < BETTER * best.tool.residual):
-                best = Reading(further, found, np.eye(3))
+            best = _better(best, further, found, np.eye(3))
         mount = likely_mount(rotations, setup.robot.gravity, log.wrench)
-        found = None if mount is None else weigh(log.t, rotations @ mount, setup.robot.gravity, log.wrench)
-        if found and (turned is None or found.residual < BETTER * turned.tool.residual):
-            turned = Reading(keys, found, mount)
+        if mount is not None:
+            found = weigh(log.t, rotations @ mount, setup.robot.gravity, log.wrench)
+            turned = _better(turned, keys, found, mount)
     return turned if best and turned and turned.tool.residual < MOUNTED * best.tool.residual else best
+
+
+def _better(best: Reading | None, keys: Keys, found: ToolEstimate | None, mount: Array) -> Reading | None:
+    """The best reading so far, or another one that leaves much less."""
+    is_better = found and (best is None or found.residual < BETTER * best.tool.residual)
+    return Reading(keys, found, mount) if found and is_better else best
 
 
 def likely_mount(rotations: Array, gravity: Array, wrench: Array) -> Array | None:
@@ -156,23 +161,21 @@ def ways_of(table: Table) -> Iterator[Keys]:
 
 def position_axes(read: Read, found: Reading) -> Keys:
     """Keys for the axes of the recorded position; it is not used if the tool's inertia explains none of the forces."""
-    _, log = read({"sensor_pose.linear": Known("position")})
-    keys: Keys = {}
+    keys: Keys = {"sensor_pose.linear": Known("position", "its position is recorded")}
+    setup, log = read(keys)
     if np.abs(log.q[np.isfinite(log.q[:, 4:]).all(1), 4:]).max(initial=0.0) > FARTHEST:
         keys["log.length_unit"] = Known("mm", "because no robot reaches so far in m")
-    at_rest, base = _left_by_inertia(lambda more: read({**keys, **more}), "base", found)
-    _, body = _left_by_inertia(lambda more: read({**keys, **more}), "body", found)
+        setup, log = read(keys)
+    in_body = {"sensor_pose.position_axes": Known("body", "because the forces show its acceleration only then")}
+    at_rest, base = _left_by_inertia(setup, log, found)
+    _, body = _left_by_inertia(*read({**keys, **in_body}), found)
     if min(base, body) > USELESS * at_rest:
         return {"sensor_pose.linear": Known("none", "the forces do not show the acceleration of the recorded position")}
-    keys["sensor_pose.linear"] = Known("position", "its position is recorded")
-    if body < EXPLAINS * base:
-        keys["sensor_pose.position_axes"] = Known("body", "because the forces show its acceleration only then")
-    return keys
+    return keys | in_body if body < EXPLAINS * base else keys
 
 
-def _left_by_inertia(read: Read, axes: str, found: Reading) -> tuple[float, float]:
+def _left_by_inertia(setup: Setup, log: Log, found: Reading) -> tuple[float, float]:
     """N, rms residual of the forces after weight and a constant, without and with the acceleration of the position."""
-    setup, log = read({"sensor_pose.linear": Known("position"), "sensor_pose.position_axes": Known(axes)})
     rotations = (sensor_rotations(log.t, log.q, setup) @ found.mount).reshape(-1, 9)
     t, means = _slowly(log.t, np.column_stack([between(log.t, log.q[:, 4:], log.t), log.wrench[:, :3], rotations]))
     if len(t) < FEWEST:

@@ -23,6 +23,7 @@ from ftbias_jax.io.tables.columns import Columns
 from ftbias_jax.io.tables.headers import Match, matches, some
 from ftbias_jax.io.tables.streams import unknown_format
 from ftbias_jax.setup.dump import Known
+from ftbias_jax.setup.recorded import OF_ANGLES
 from ftbias_jax.types import Array
 
 WIDTHS = {3: "axis_angle", 9: "matrix", 4: "quaternion_xyzw"}
@@ -171,7 +172,7 @@ def _of_columns(path: str, header: Sequence[str], found: Mapping[str, Match], va
         joints=len(found["position"].names) if "position" in found else 0,
         orientation=kind,
         named=other is None or other.names != found[kind].names,
-        degrees=kind in ("axis_angle", "rpy") and in_degrees(values.get("q")),
+        degrees=kind in OF_ANGLES and in_degrees(values.get("q")),
         accelerometer=values.get("dq"),
         others=tuple(name for name in header if name not in used),
         names=found["position"].joints if "position" in found else (),

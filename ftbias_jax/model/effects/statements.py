@@ -107,16 +107,15 @@ def channels(
     preferred = sure & (USUAL[0] == USUAL) if sure[:3].any() else sure
     largest = int(np.argmax(np.where(preferred, np.abs(away) / size, -1)))
     spread = np.abs(away - away[largest]) / size
-    which, shown = AXES[largest], unit.format(unit=AXIS_UNITS[largest])
+    which, verb, shown = AXES[largest], "reads", unit.format(unit=AXIS_UNITS[largest])
     if sure.all() and (spread < SURE).all() and unit == "%":
-        which = "all six channels"
+        which, verb = "all six channels", "read"
     elif sure.sum() > 1:
         others = "others" if sure.sum() > 2 else next(a for a in AXES if sure[AXES.index(a)] and a != which)
         alike = (np.sign(away[sure]) == np.sign(away[largest])).all()
-        which += f" and {others}" if alike else f" ({others} differently)"
+        which, verb = (f"{which} and {others}", "read") if alike else (f"{which} ({others} differently)", verb)
     error = np.nan if exact else factor * float(stderr[largest])
     value_shown = value_words(factor * abs(float(away[largest])), error)
-    verb = "read" if "and" in which or "all" in which else "reads"
     sign = "much" if away[largest] > 0 else "little"
     return _filled(words, estimates, value=f"{value_shown} {shown}".rstrip(), channel=which, sign=sign, verb=verb)
 

@@ -121,6 +121,7 @@ def test_the_tool_is_told_with_the_setup_and_its_twin():
         ([1, 1, 0.97, 1, 1, 1], "fz reads 3.00 ± 0.10 % too little"),
         ([1, 1.02, 1, 1, 1.05, 1], "fy and ty read 2.00 ± 0.10 % too much"),
         ([1.1, 1.02, 1, 1, 1.05, 1], "fx and others read 10.00 ± 0.10 % too much"),
+        ([1, 1.02, 1, 1, 0.95, 1], "fy (ty differently) reads 2.00 ± 0.10 % too much"),
     ],
 )
 def test_a_gain_says_which_channels(values, words):
