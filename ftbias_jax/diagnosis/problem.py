@@ -13,13 +13,14 @@ from ftbias_jax.diagnosis.regression.whitening import Whitener, make_whitener
 from ftbias_jax.diagnosis.samples.bins import bins_of, fill_up, mean_of_bins, sum_of_bins
 from ftbias_jax.diagnosis.samples.read import inspect_samples
 from ftbias_jax.diagnosis.samples.smoothed import padded_samples, smoothed
+from ftbias_jax.diagnosis.samples.touched import variance_in_contact, with_exact_ends
 from ftbias_jax.diagnosis.samples.types import SampleFindings
 from ftbias_jax.diagnosis.thresholds import LEAST_BINS
 from ftbias_jax.errors import LogError
 from ftbias_jax.filtering import bias_filter, params_for_log
 from ftbias_jax.filtering.likelihood import WrenchProblem
 from ftbias_jax.filtering.method.look import Touched, contacts_in, scatter_at_rest
-from ftbias_jax.filtering.noise.contact import in_contact
+from ftbias_jax.filtering.noise.contact import Contact, in_contact
 from ftbias_jax.filtering.noise.joint_scatter import remark_of_joints
 from ftbias_jax.filtering.noise.log_noise import MARGIN, by_axis
 from ftbias_jax.filtering.pipeline import Options
@@ -203,8 +204,9 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     joints, reading, variance = (x[:length] for x in smoothed(params, samples, options))  # sample noise is added below
     rate, speed = np.gradient(reading, log.t, axis=0), speeds_of(params.arm, joints[:, :, 1])
     contacts = contacts_in(log, reading, speed, variance, setup.sensor.compensated == "none")
-    touched = in_contact(log.t, list(contacts.contacts), MARGIN)
     error = reading - log.wrench
+    contacts = contacts._replace(contacts=with_exact_ends(log.t, error, contacts.contacts))
+    touched = in_contact(log.t, contacts.contacts, MARGIN)
     found = inspect_samples(log, setup.sensor.noise_std, error, rate, speed, known, touched)
     if found.level.detected and found.level.doubt:
         scatter = scatter_at_rest(log, error, speed, variance, setup.sensor.noise_std)
@@ -215,7 +217,8 @@ def _prepare(setup: Setup, log: Log) -> tuple[Part, np.ndarray, Values, SampleFi
     found = found._replace(noise_std=noise_std)
     late = float(np.max(found.jitter.parameters["std"])) if found.jitter.detected else 0.0
     of_samples, catalogue = (late * rate) ** 2 + found.in_motion.variance(speed), catalogue_of_setup(setup)
-    part, count = _bin(params, log, joints, joint_variance + coherent, of_samples, found, catalogue)
+    variances = joint_variance + coherent, of_samples
+    part, count = _bin(params, log, joints, error, variances, found, contacts.contacts, catalogue)
     of_joints = remark_of_joints(setup, params)
     part = part._replace(touched=contacts, unseen=np.sqrt(unknown_acceleration(setup)), remarks=of_joints)
     return part, count, params.effects or {}, found
@@ -239,15 +242,17 @@ def _bin(
     params: Params,
     log: Log,
     states: np.ndarray,
-    joint_variance: np.ndarray,
-    sample_variance: np.ndarray,
+    error: np.ndarray,
+    variances: tuple[np.ndarray, np.ndarray],
     found: SampleFindings,
+    contacts: Sequence[Contact],
     catalogue: Catalogue,
 ) -> tuple[Part, np.ndarray]:
     """Average a log over short bins, compute their noise, subtract the stated bias, and pad.
 
-    The states are (T, n, 3). Of the variances (T, 6) N^2, Nm^2 that of the joints is correlated within a bin, and that
-    of samples, from jitter and noise that grows with the motion, is not. Also returns (U, 6) samples in each bin.
+    The states are (T, n, 3), the model's error (T, 6) N, Nm. Of the variances (T, 6) N^2, Nm^2 that of the joints is
+    correlated within a bin, and that of samples, from jitter and noise that grows with the motion, is not. Also returns
+    (U, 6) samples in each bin.
     """
     wrench, temperature = found.clean_wrench, fill_temperature(log.t, log.temperature)
     rows = np.isfinite(wrench).any(1)
@@ -257,10 +262,11 @@ def _bin(
         raise LogError(message, field="wrench", remedy="check the sensor and its driver, and record again")
     count = sum_of_bins(index, np.isfinite(wrench[rows]))
     columns = {name: mean_of_bins(index, column.at(log.t)[rows]) for name, column in log.columns.items()}
-    series = (log.t, states, temperature, wrench, joint_variance, sample_variance)
-    t, joints, temperature, reading, coherent, white = (mean_of_bins(index, x[rows]) for x in series)
+    series = (log.t, states, temperature, wrench, error, *variances)
+    t, joints, temperature, reading, error, coherent, white = (mean_of_bins(index, x[rows]) for x in series)
     # The smoothed joints' error is correlated over longer than a bin, so averaging does not reduce it.
     variance = np.where(count > 0, (found.noise_std**2 + white) / np.maximum(count, 1) + coherent, 1.0)
+    variance = variance + variance_in_contact(t, error, variance, contacts)
     bias, place = params.bias, jax.device_put  # unlike jnp.asarray it compiles nothing
     jump = None
     if log.rezeroed_at:

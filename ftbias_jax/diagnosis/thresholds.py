@@ -97,6 +97,12 @@ s, duration up to which an event is certain. [physics] [dev]"""
 MOST_OF_LOG_IF_SEEN, SEEN = 0.7, 0.75
 """Maximum share of the log in events that a filter's contact detection confirms, and the share of their duration that
 it must cover. [physics] In 49 logs without contact the detection finds a tenth of a second of it. [dev]"""
+NEAR_END, TOUCH_BEGINS, TOUCH_SHARE = 0.6, 5.0, 0.05
+"""s from the ends of a contact that a filter finds within which its real ends are; beyond half of it all is free;
+standard deviations of the free force, and share of the force of contact, beyond which something touches. [noise]"""
+LEAST_CHATTER, CHATTER = 30, 1.0
+"""Number of bins from which chatter in contact is measured, and ratio of its variance to that of the noise from which
+it counts: by chance the estimate is off by .3. [noise]"""
 CREST_FACTOR = 10.0
 """Crest factor: standard deviations that unrecorded accelerations reach when an arm stops and starts. [physics]"""
 LEAST_LEVER = 0.03

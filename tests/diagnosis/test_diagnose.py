@@ -130,6 +130,22 @@ def test_presses_that_last_for_a_third_of_a_log_are_contact(setup, record):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("chatter", [0.0, 1.0])
+def test_a_long_press_is_contact_and_grinding_neither_vibration_nor_noise(setup, record, chatter):
+    log, rng = record(None), np.random.default_rng(4)
+    t = np.asarray(log.t) - log.t[0]
+    force = np.array([4.0, 3.0, -11.0]) * (1 + 0.1 * np.sin(2 * np.pi * 0.3 * t))[:, None]
+    force = force + chatter * (np.sin(2 * np.pi * 41.0 * t)[:, None] + rng.normal(size=force.shape))
+    pushed = np.hstack([force, 0 * force]) * ((t > 4) & (t < 11))[:, None]
+    diagnosis = diagnose(setup, [log._replace(wrench=log.wrench + pushed)], ["pressed"])
+    assert {cause.effect for cause in diagnosis.causes} <= {"contact"}
+    assert diagnosis.gap.shrink > 0.9
+    said = [cause.statement for cause in diagnosis.causes] + [term.resembles[0] for term in diagnosis.terms]
+    assert len(said) == 1
+    assert said[0].startswith(("something pushed the tool once", "something that touches the tool"))
+
+
+@pytest.mark.slow
 def test_without_its_name_in_the_catalogue_the_gap_is_not_explained_away(setup, record):
     log = record({"tool_mass": {"mass": jnp.array(0.96)}})
     withheld = ("tool_mass", "gain", "crosstalk")

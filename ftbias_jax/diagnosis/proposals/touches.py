@@ -1,7 +1,6 @@
 """Events of any shape in time, such as contacts: when something pushed the tool, and with which wrench."""
 
 from collections.abc import Collection, Sequence
-from itertools import product
 
 import numpy as np
 
@@ -16,8 +15,8 @@ from ftbias_jax.diagnosis.regression.series import shaped, shaped_events
 from ftbias_jax.model.effects.fitting import Touches
 from ftbias_jax.model.wrench.inertia import center_of_mass
 
-SHAPES = (4, 8, 16, 32)
-"""Maximum numbers of tent basis functions of an event of any shape."""
+SHAPES, SHAPES_IF_SEEN = (4, 8, 16, 32), (2, 8, 32, 128)
+"""Maximum numbers of tent basis functions of an event of any shape, and of a contact that a filter detects."""
 TRIMS, TRIM_TENTS = 3, 32
 REWEIGHTINGS = 4
 
@@ -36,11 +35,12 @@ def touches(
     # A long contact is detected more reliably by its sudden ends, as a filter does, than as a sum of pulses, of which
     # other causes would absorb a part.
     seen = [Event(log, one.start, one.end) for log, part in enumerate(problem.parts) for one in part.touched.contacts]
-    ways = ((_pursue(dictionary, alone), alone), (seen, accepted.error))
-    for name, (events, error) in product(names, ways):
-        trimmed = _trimmed(problem, name, error, merge(events)) if events else []
-        strong = _beyond_motion(problem, name, error, trimmed)
-        shapes = [shaped_events(problem, name, strong, tents) for tents in SHAPES if strong]
+    origins = ((_pursue(dictionary, alone), alone), (seen, accepted.error))
+    for name in names:
+        ways = [(_trimmed(problem, name, error, merge(events)), error, SHAPES) for events, error in origins if events]
+        ways += [(seen, accepted.error, SHAPES_IF_SEEN)] if seen else []
+        strong = [(_beyond_motion(problem, name, error, events), tents) for events, error, tents in ways]
+        shapes = [shaped_events(problem, name, events, most) for events, tents in strong if events for most in tents]
         gains = [
             (_gain(accepted, whitened_series(problem, h.shapes)), h)
             for h in shapes

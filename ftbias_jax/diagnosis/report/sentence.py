@@ -108,7 +108,8 @@ def _worth(verdict: str, gap: Gap, short: bool = False) -> str:
         return f"a small gap, {_error(gap)}"
     sizes, unit = _sizes(gap)
     before, after, noise = (f"{size:.2g}" for size in sizes)
-    rest = "; the rest is not explained" if verdict == "partly_explained" else ""
+    doubt = "the rest is not explained" if gap.after_sigmas - 1 >= SMALL else "the cause is not certain"
+    rest = f"; {doubt}" if verdict == "partly_explained" else ""
     if short:
         return f"the error falls from {before} to {after} {unit} (noise {noise}){rest}"
     return f"the unexplained error falls from {before} {unit} to {after} {unit} (noise {noise} {unit}){rest}"

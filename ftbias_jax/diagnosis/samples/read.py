@@ -78,7 +78,7 @@ def inspect_samples(
         speed: (T, n) rad/s, of the joints, if known; without it noise is not expected to grow with the motion.
         in_motion: growth of the noise with the motion in six channels as stated in the setup; it is then not measured
             again. None = not stated.
-        touched: (T,) samples in contact, whose fluctuations can mimic late stamps. None = none.
+        touched: (T,) samples in contact, whose fluctuations say nothing of the sensor's noise and clock. None = none.
     """
     stated = np.asarray(noise_std, float)
     samples = _select(log, stated, error, rate, speed)
@@ -97,18 +97,18 @@ def inspect_samples(
     # Rows in which every axis is clipped are equal too, but none of them is lost.
     dropped = exact.find_dropped(repeated & ~at_limit[:, fine].all(1), exact.find_gaps(samples.t))
     saturated = at_limit[~repeated]
-    spikes, noise, jitter = _scatter(kept, step, saturated)
-    late_stamps = not jitter.detected or touched is None or _is_late(kept, step, saturated, ~touched[kept.row])
-    if not late_stamps:
-        spikes, noise, jitter = _scatter(kept, step, saturated, late_stamps=False)
+    usable: np.ndarray = ~saturated.any(1)
+    if touched is not None and (free := usable & ~touched[kept.row]).sum() >= LEAST_WINDOWS * WINDOW:
+        usable = free
+    spikes, noise, jitter = _scatter(kept, step, saturated, usable)
     growth = no_growth(1, noise.std**2)
     if in_motion is None and not jitter.detected:
-        growth = _growth(kept.only(~(spikes.outlier_rows | saturated.any(1))), step)
+        growth = _growth(kept.only(usable & ~spikes.outlier_rows), step)
     if growth.detected:
         as_at_rest = kept.at_rest(growth.relative)
-        spikes, noise, jitter = _scatter(as_at_rest, step, saturated, late_stamps=late_stamps)
+        spikes, noise, jitter = _scatter(as_at_rest, step, saturated, usable)
         if jitter.detected and jitter.nats < FORM_LOSS * growth.nats:  # within the form error of the growth
-            spikes, noise, jitter = _scatter(as_at_rest, step, saturated, late_stamps=False)
+            spikes, noise, jitter = _scatter(as_at_rest, step, saturated, usable, late_stamps=False)
 
     def six(values: np.ndarray, neutral: float | np.ndarray = 0.0) -> np.ndarray:
         """Expand to six channels: those that are not measured get a neutral value."""
@@ -175,23 +175,19 @@ def _around(marked: np.ndarray, reach: int) -> np.ndarray:
     return counts[reach : reach + len(marked)] > 0.5  # also correct for fewer samples than the window
 
 
-def _is_late(samples: Samples, step: np.ndarray, saturated: np.ndarray, free: np.ndarray) -> bool:
-    """Whether stamps are also late in the rows (N,) free of contact: a clock does not depend on contact."""
-    return bool(free.all()) or _scatter(samples.only(free), step, saturated[free])[2].detected
-
-
 def _scatter(
-    samples: Samples, step: np.ndarray, saturated: np.ndarray, *, late_stamps: bool = True
+    samples: Samples, step: np.ndarray, saturated: np.ndarray, usable: np.ndarray, *, late_stamps: bool = True
 ) -> tuple[Spikes, Noise, Jitter]:
-    """Spikes, white noise and, if searched for, jitter; spikes are then what exceeds the noise with jitter."""
+    """Spikes, white noise and, if searched for, jitter; spikes are then what exceeds the noise with jitter.
+
+    Noise and jitter are measured in the ``usable`` rows (N,).
+    """
     least = np.maximum(step, LEAST_SCATTER * samples.stated)
     blind = _around(saturated, REACH)
     floor = np.where(blind, np.inf, least)
     for _ in range(2):
         spikes = find_spikes(samples.error, floor)
-        noise, jitter = _noise(
-            samples.only(~(spikes.outlier_rows | saturated.any(1))), step, spikes.heavy_tailed, late_stamps
-        )
+        noise, jitter = _noise(samples.only(usable & ~spikes.outlier_rows), step, spikes.heavy_tailed, late_stamps)
         if not jitter.detected:
             break
         late = jitter.std * np.abs(samples.rate)

@@ -203,4 +203,6 @@ def resembles(term: Term) -> tuple[str, ...]:
     others = DRIVE_WORDS[term.drive].resembles
     if term.drive == "frequency":
         others = tuple(kind for kind in others if term.parameters["frequency"] >= SLOWEST.get(kind, 0.0))
+    if (term.drive, term.form) == ("time", "step") and np.size(term.parameters["time"]) > 1:
+        first, others = "something that touches the tool", (LIKE["time", "step"], *others)
     return others if first is None else (first, *(kind for kind in others if kind != first))

@@ -40,6 +40,8 @@ FIRST = 5
 """Number of blocks at the start whose median is the first level."""
 ONSET = 3.0
 """Standard deviations of white noise: a contact begins where the reading exceeds them, FOLLOW s earlier at most."""
+CEASED = 0.25
+"""Share of its largest departure below which a long contact ends although the bias has drifted meanwhile."""
 SETTLED = 5.0
 """s without change after which a departure is taken for a jump of the bias."""
 MOST = 0.6
@@ -83,34 +85,39 @@ def find_contacts(blocks: Blocks, layout: Layout, slow: Float[Array, " 6"]) -> C
     sigma = mean_std(blocks, layout)
     begin = jnp.maximum(BEGIN * sigma, BEGIN_SLOW * slow[None])
     # The block in which a contact begins has a large scatter and passes as noise, but it must not move the level.
-    most = BEGIN * nan_median(jnp.where(there[:, None], sigma, jnp.nan))
+    usual = nan_median(jnp.where(there[:, None], sigma, jnp.nan))
+    most = BEGIN * usual
     rate = min(1.0, layout.seconds / FOLLOW)
     settled_after = round(SETTLED / layout.seconds)
 
     def step(most: Array, carry: Any, block: Any) -> tuple[Any, tuple[Array, Array]]:
-        (level, first, left), (k, mean, begin, one_level) = carry, block
+        (level, first, left, largest), (k, mean, begin, one_level) = carry, block
         seen, value = jnp.isfinite(mean).any(), jnp.where(jnp.isnan(mean), level, mean)
         departure = value - level
         off = jnp.abs(departure)
         # The slow variation continues during a contact: axes that never left the level need not return to it.
         left = (off > begin) | (left & (first >= 0))
         opens = (first < 0) & (off > begin)[:3].any()
-        closes = (first >= 0) & jnp.where(left, off < END * begin, True).all()
+        end, longer = END * begin, (k - first) / settled_after
+        end = jnp.maximum(end, jnp.minimum(end * longer, CEASED * largest))
+        closes = (first >= 0) & jnp.where(left, off < end, True).all()
         settles = (first >= 0) & ~closes & one_level & (k - first >= settled_after)
         after = jnp.where(opens, k, jnp.where(closes | settles, -1, first))
         level_after = jnp.where(settles, value, level)
         followed = level_after + rate * jnp.clip(value - level_after, -most, most)
         level_after = jnp.where(after < 0, followed, level_after)
-        carry = jax.tree.map(lambda new, old: jnp.where(seen, new, old), (level_after, after, left), carry)
+        largest = jnp.where(opens, off, jnp.maximum(largest, off))
+        carry = jax.tree.map(lambda new, old: jnp.where(seen, new, old), (level_after, after, left, largest), carry)
         return carry, (jnp.where(seen, departure, 0), jnp.where(seen & closes, first, -1))
 
     measured = jnp.isfinite(blocks.mean).any(1).argmax()
     rows = jax.lax.dynamic_slice(blocks.mean, (measured, 0), (min(FIRST, len(blocks.mean)), 6))
-    start = (jnp.nan_to_num(nan_median(rows)), jnp.asarray(-1), jnp.zeros(6, bool))
-    inputs = (index, blocks.mean, begin, _on_one_level(blocks.mean, sigma, settled_after))
+    start = (jnp.nan_to_num(nan_median(rows)), jnp.asarray(-1), jnp.zeros(6, bool), jnp.zeros(6, blocks.mean.dtype))
+    # Chatter of a tool that grinds scatters as much as the force of contact varies; the bias does neither.
+    inputs = (index, blocks.mean, begin, _on_one_level(blocks.mean, jnp.minimum(sigma, usual[None]), settled_after))
 
     follow = compile_whole(lambda start, inputs, most: jax.lax.scan(partial(step, most), start, inputs))
-    (_, open_since, _), (departure, first) = follow(start, inputs, most)
+    (_, open_since, *_), (departure, first) = follow(start, inputs, most)
     first = jnp.where((index == blocks.number - 1) & (open_since >= 0), open_since, first)
     first = _taken_back(first, departure / white_std(blocks), round(FOLLOW / layout.seconds))
     total = jnp.where(first >= 0, blocks.t - blocks.t[first], 0).sum()

@@ -59,6 +59,8 @@ def test_every_effect_has_a_headline(name, verdict):
     text = headline(verdict, GAP, (found(CATALOGUE[name]),))
     assert_complete(text)
     assert re.search(r"error falls from 0.3 (N )?to 0.1 N \(noise 0.1", text)
+    assert ("the cause is not certain" in text) is (verdict == "partly_explained")
+    text = headline(verdict, GAP._replace(after_sigmas=1.5), (found(CATALOGUE[name]),))
     assert ("the rest is not explained" in text) is (verdict == "partly_explained")
 
 

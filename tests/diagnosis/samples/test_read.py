@@ -336,6 +336,15 @@ def test_unrest_in_contact_is_not_late_stamps():
     assert recording.inspect(everywhere, touched=np.zeros(len(touched), bool)).jitter.detected
 
 
+def test_unrest_in_contact_is_no_noise_of_the_sensor():
+    recording = Recording(12, duration=40.0)
+    touched = (recording.t > 8) & (recording.t < 22)
+    wrench = recording.model + recording.noise * np.where(touched, 3.0, 1.0)[:, None]
+    assert "noise_level" in names(recording.inspect(wrench))
+    assert names(recording.inspect(wrench, touched=touched)) == ()
+    np.testing.assert_allclose(recording.inspect(wrench, touched=touched).noise_std, STATED, rtol=0.06)
+
+
 def test_little_scatter_of_stamps_beside_much_growth_is_what_the_form_of_growth_leaves():
     recording = Recording(16, 250.0, 60.0)
     late = 0.006 * recording.rng.normal(size=len(recording.t))

@@ -129,6 +129,28 @@ def test_a_long_push_that_moves_is_one_contact_and_what_is_slow_is_none():
     assert (contact.start, contact.end) == pytest.approx((5, 13), abs=0.1)
 
 
+def test_a_long_push_ends_although_the_bias_has_drifted_meanwhile():
+    """The offset that is left is within what free motion shows in as long a time, and small against the push."""
+    t = stamps(60, 250)
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        drifts = free_motion(rng, t) + 0.02 * t[:, None] * np.sign(rng.normal(size=6)) * STD / STD[0]
+        force = (1 + 0.1 * np.sin(2 * np.pi * 0.3 * t))[:, None] * 3 * FORCE
+        (contact,) = contacts_of(t, pushed(t, drifts, (20, 35), force=force))
+        assert (contact.start, contact.end) == pytest.approx((20, 35), abs=0.1)
+
+
+def test_a_tool_that_grinds_is_in_contact_and_a_bias_that_jumps_is_not():
+    """Chatter scatters the reading within a block as much as its force varies from one block to the next."""
+    t = stamps(60, 250)
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        force = 4 * FORCE * (1 + 0.15 * np.sin(2 * np.pi * 0.3 * t))[:, None] + rng.normal(size=(len(t), 6)) * 10 * STD
+        (contact,) = contacts_of(t, pushed(t, free_motion(rng, t), (20, 35), force=force))
+        assert (contact.start, contact.end) == pytest.approx((20, 35), abs=0.2)
+        assert contacts_of(t, pushed(t, free_motion(rng, t), (20, np.inf), force=4 * FORCE)) == []
+
+
 def test_a_sensor_that_is_zeroed_is_not_touched():
     t = stamps(20, 200)
     y = pushed(t, free_motion(np.random.default_rng(3), t), (11.0, 13.0))
