@@ -97,7 +97,7 @@ def inspect_samples(
     # Rows in which every axis is clipped are equal too, but none of them is lost.
     dropped = exact.find_dropped(repeated & ~at_limit[:, fine].all(1), exact.find_gaps(samples.t))
     saturated = at_limit[~repeated]
-    usable: np.ndarray = ~saturated.any(1)
+    usable = np.asarray(~saturated.any(1))
     if touched is not None and (free := usable & ~touched[kept.row]).sum() >= LEAST_WINDOWS * WINDOW:
         usable = free
     spikes, noise, jitter = _scatter(kept, step, saturated, usable)
