@@ -12,6 +12,7 @@ from ftbias_jax.filtering.noise.contact import Contacts, find_contacts, slow_std
 from ftbias_jax.filtering.noise.free_motion import hidden_bias
 from ftbias_jax.filtering.noise.scatter import HEAVY
 from ftbias_jax.filtering.noise.slow_noise import SlowNoise, fit_slow_noise, join_blocks
+from ftbias_jax.filtering.noise.tool_force import error_of_tool_force
 from ftbias_jax.filtering.noise.vibration import Vibration, fit_vibration, taken_level
 from ftbias_jax.filtering.noise.wander import fit_wander
 from ftbias_jax.model.params import BiasNoise
@@ -50,6 +51,8 @@ class Noise(NamedTuple):
     """Factor, 1 or more, on the standard deviations of bias and drift that the innovations still contradict."""
     hidden: Float[Array, " 6"]
     """N, Nm: possible error of the bias because the tool is touched throughout; 0 where the log has free motion."""
+    tool_error: Float[Array, ""]
+    """Relative error of the tool's force as stated, that the reading shows in motion; 0 = none that is significant."""
     block_times: Float[Array, " N"]
     """s, middles of the blocks."""
 
@@ -101,7 +104,8 @@ def fit_noise(stated: BiasNoise, blocks: Blocks, layout: Layout) -> tuple[BiasNo
         density = jnp.zeros(6, means.y.dtype)
         factor = inflation(means.t, innovations(slow, density))
     hidden = jnp.zeros(6, y.dtype) if blocks.tool is None else hidden_bias(blocks, blocks.tool, layout, stated)
-    noise = Noise(contacts, vibration, slow, density, offset, factor, hidden, blocks.t)
+    tool_error = error_of_tool_force(blocks, free, layout)
+    noise = Noise(contacts, vibration, slow, density, offset, factor, hidden, tool_error, blocks.t)
     return with_noise(given, noise), noise
 
 

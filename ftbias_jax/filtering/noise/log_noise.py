@@ -39,6 +39,8 @@ class LogNoise(NamedTuple):
     """(6,) N, Nm: possible error of the bias because the tool is touched throughout; 0 = the log has free motion."""
     density: Array = np.zeros(6)
     """(6,) N/s^1.5, Nm/s^1.5: density of a bias that wanders more than stated, 0 on axes where it does not."""
+    tool_error: float = 0.0
+    """Relative error of the tool's force as stated, which the standard deviations of the bias include; 0 = none."""
     kept_out: float = 0.0
     """Share of the free samples that the gate rejects wherever the bias begins; 0 = it passes at least half."""
 
@@ -54,7 +56,8 @@ def log_noise_from(found: Noise, layout: Layout, *, slow_is_stated: bool) -> Log
     speed = np.inf if found.vibration.speed is None else float(found.vibration.speed)
     vibration = found.vibration._replace(speed=speed if np.isfinite(speed) else None)
     hidden, density = np.asarray(found.hidden), np.asarray(found.density)
-    return LogNoise(contacts, vibration, slow, found.offset, found.inflation, hidden=hidden, density=density)
+    more = {"hidden": hidden, "density": density, "tool_error": float(found.tool_error)}
+    return LogNoise(contacts, vibration, slow, found.offset, found.inflation, **more)
 
 
 def describe(noise: LogNoise) -> list[str]:
@@ -98,6 +101,9 @@ def by_axis(values: Array, shown: Array | None = None, digits: int = 2) -> str:
 def remarks_of_noise(noise: LogNoise) -> Repairs:
     """Remarks for the owner: no free motion, or a gate that rejected most of the log; () as a rule."""
     repairs = (Repair(BEGUN_AGAIN),) if noise.begun_again else ()
+    if noise.tool_error:
+        what = f"the force that follows the tool is {1 + noise.tool_error:.3g} times what the setup's tool causes"
+        repairs += (Repair(f"{what}: another tool, or a gain? Run ftbias identify; the error bars include it"),)
     if noise.hidden.any():
         return (*repairs, Repair(f"{TOUCHED}, by {by_axis(noise.hidden)} N, Nm: {TARE}", lost=True))
     if not noise.kept_out:

@@ -91,9 +91,16 @@ def error_of_tool(wrench_tool: Array, tool: ToolSetup, acceleration_std: Array =
     return np.sqrt(variance)
 
 
-def with_error_of_model(filtered: Filtered, setup: Setup, acceleration_std: Array = EXACT) -> Filtered:
-    """A result whose error bars include those of tool, effects and accelerometer, which the filter takes as known."""
+def with_error_of_model(
+    filtered: Filtered, setup: Setup, acceleration_std: Array = EXACT, tool_error: float = 0.0
+) -> Filtered:
+    """A result whose error bars include those of tool, effects and accelerometer, which the filter takes as known.
+
+    ``tool_error`` is the relative error of the tool's force that the log shows.
+    """
     tool, of_effects = setup.tool, setup.bias.model_std
+    if tool_error:
+        tool = replace(tool, mass_std=float(np.hypot(tool.mass_std or 0.0, tool_error * tool.mass)))
     known = tool.mass_std is None and tool.center_of_mass_std is None and of_effects is None
     if known and not np.any(acceleration_std):
         return filtered

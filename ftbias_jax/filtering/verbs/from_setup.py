@@ -177,7 +177,7 @@ def filter_with_setup(
         nonlocal tally, turning, touches
         done = 0
         for found in ready.results:
-            part = with_error_of_model(found, setup, log.acceleration_std)
+            part = with_error_of_model(found, setup, log.acceleration_std, ready.noise.tool_error)
             tally, turning = summary.add(tally, part, ready.params.bias), observability.add(turning, ready.params, part)
             touches = contacts.add(touches, ready.noise.contacts, part, log.start)
             done += len(part.t)

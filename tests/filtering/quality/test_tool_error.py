@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from small_checks import TABLES
 
+from ftbias_jax import filter_log, simulate
 from ftbias_jax.check.motion import arm_motion, data_matrices
 from ftbias_jax.check.regression import stated_tool
 from ftbias_jax.filtering.quality.observability import error_of_tool, remark_of_model, with_error_of_model
@@ -57,3 +58,18 @@ def test_what_is_not_known_of_effects_is_in_the_error_bars(setup, wrench_of):
     wide = with_error_of_model(filtered, uncertain)
     np.testing.assert_allclose(wide.bias_std, np.hypot(4.0, np.tile([3, 0, 0, 0, 0, 4e-3], (8, 1))))
     assert "of the effects: standard errors of 3 0 0 0 0 0.004 N, Nm" in remark_of_model(uncertain)[0].what
+
+
+def test_a_tool_that_was_changed_is_told_and_the_error_bars_of_the_bias_cover_it(setup):
+    stated = replace(setup, tool=replace(setup.tool, mass_std=None, center_of_mass_std=None))
+    heavier = {"tool_mass": {"mass": 1.25 * stated.tool.mass}}
+    made, same = (simulate(stated, effects, duration=40.0, rate=100.0, seed=3) for effects in (heavier, None))
+    changed, right = (filter_log(stated, one.log) for one in (made, same))
+    assert changed.noise.tool_error == pytest.approx(0.25, abs=0.01)
+    (told,) = [repair.what for repair in changed.repairs if "times what the setup's tool causes" in repair.what]
+    assert "is 1.25 times" in told
+    off = np.abs(changed.bias - made.truth.bias)[len(made.log.t) // 2 :]
+    assert off.max() > 0.5
+    assert (off < 3 * changed.bias_std[len(off) :]).mean() > 0.97
+    assert right.noise.tool_error == 0
+    assert (right.bias_std < changed.bias_std).all()
