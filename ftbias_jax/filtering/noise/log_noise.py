@@ -56,8 +56,8 @@ def log_noise_from(found: Noise, layout: Layout, *, slow_is_stated: bool) -> Log
     speed = np.inf if found.vibration.speed is None else float(found.vibration.speed)
     vibration = found.vibration._replace(speed=speed if np.isfinite(speed) else None)
     hidden, density = np.asarray(found.hidden), np.asarray(found.density)
-    more = {"hidden": hidden, "density": density, "tool_error": float(found.tool_error)}
-    return LogNoise(contacts, vibration, slow, found.offset, found.inflation, **more)
+    noise = LogNoise(contacts, vibration, slow, found.offset, found.inflation, hidden=hidden, density=density)
+    return noise._replace(tool_error=float(found.tool_error))
 
 
 def describe(noise: LogNoise) -> list[str]:
@@ -100,10 +100,13 @@ def by_axis(values: Array, shown: Array | None = None, digits: int = 2) -> str:
 
 def remarks_of_noise(noise: LogNoise) -> Repairs:
     """Remarks for the owner: no free motion, or a gate that rejected most of the log; () as a rule."""
-    repairs = (Repair(BEGUN_AGAIN),) if noise.begun_again else ()
+    repairs: Repairs = (Repair(BEGUN_AGAIN),) if noise.begun_again else ()
     if noise.tool_error:
         what = f"the force that follows the tool is {1 + noise.tool_error:.3g} times what the setup's tool causes"
-        repairs += (Repair(f"{what}: another tool, or a gain? Run ftbias identify; the error bars include it"),)
+        repairs = (
+            *repairs,
+            Repair(f"{what}: another tool, or a gain? Run ftbias identify; the error bars include it"),
+        )
     if noise.hidden.any():
         return (*repairs, Repair(f"{TOUCHED}, by {by_axis(noise.hidden)} N, Nm: {TARE}", lost=True))
     if not noise.kept_out:

@@ -23,7 +23,7 @@ TINY = 1e-12
 
 
 def error_of_tool_force(blocks: Blocks, free: Bool[Array, " N"], layout: Layout) -> Float[Array, ""]:
-    """Relative error of the tool's force as stated, from the blocks ``free`` of contact; 0 = none that is significant."""
+    """Relative error of the tool's force as stated, from blocks ``free`` of contact; 0 = none that is significant."""
     lag = max(1, round(LAG / layout.seconds))
     zero = jnp.zeros((), blocks.mean.dtype)
     if blocks.tool is None or len(blocks.t) <= lag:
