@@ -15,4 +15,6 @@ def judged(scale=1.0, seed=0, used=1.0, inside=0.95):
     took = rng.random(T) < used
     within = np.where(took[:, None], rng.random(errors.shape) < inside, np.nan)
     constant = 5.0 * rng.standard_normal((2, T, 6))
-    return Judged(np.where(took[None, :, None], errors, np.nan), within, took.astype(float), SEGMENT, constant)
+    return Judged(
+        np.where(took[None, :, None], errors, np.nan), within, took.astype(float), SEGMENT, constant, np.zeros(1)
+    )

@@ -30,6 +30,7 @@ from ftbias_jax.commissioning.result import (
     Calibrated,
     Step,
     nothing_found,
+    other_tool,
 )
 from ftbias_jax.commissioning.state import Context, State
 from ftbias_jax.diagnosis.apply import with_causes
@@ -120,10 +121,11 @@ def calibrate(
         progress("taking the bias of the longest log")
         found = identify_tool(final, longest(logs), bias=True, translation=False, unchecked=True)
         final = replace(final, bias=found.setup.bias)
-    seconds = time.monotonic() - begin
-    return Calibrated(
-        final, (*mounted, *state.steps), rows, state.found, tuple(log.repairs for log in whole), seconds, events
+    repairs = tuple(
+        (*log.repairs, *other_tool(error, len(logs))) for log, error in zip(whole, state.judged.tool_error, strict=True)
     )
+    seconds = time.monotonic() - begin
+    return Calibrated(final, (*mounted, *state.steps), rows, state.found, repairs, seconds, events)
 
 
 def _run_steps(road: Context, setup: Setup, start: Setup) -> tuple[State, State, Future[Setup | None] | None]:

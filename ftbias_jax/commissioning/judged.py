@@ -55,6 +55,8 @@ class Judged(NamedTuple):
     constant: Array
     """(2, T, 6) N, Nm: the reading minus the tool's wrench and a bias that needs no filter, of HELD_TARE and of
     CONSTANT; NaN = not used."""
+    tool_error: Array
+    """(L,) relative error of the tool's force in each of the logs, as the filter reports it; 0 = none."""
 
     @property
     def rms(self) -> Array:
@@ -246,7 +248,8 @@ def _of_end(result: FilterResult, log: Log, hold_out: float) -> Judged:
     stretch = np.minimum((SEGMENTS * share).astype(int), SEGMENTS - 1)
     unsettled = t[rows] < settled_at(log.t + log.start, result.params)
     took = np.where(unsettled, np.nan, at_stamps(used[:, None])[:, 0])
-    return Judged(at_stamps(ahead), at_stamps(inside), took, stretch, at_stamps(constant))
+    of_tool = np.array([result.noise.tool_error])
+    return Judged(at_stamps(ahead), at_stamps(inside), took, stretch, at_stamps(constant), of_tool)
 
 
 def _used(result: FilterResult) -> Array:

@@ -15,7 +15,7 @@ from ftbias_jax.diagnosis.report.page import html_table, section, typeset, whole
 from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.result import Diagnosis
 from ftbias_jax.io.atomic import plain
-from ftbias_jax.io.log import Repairs
+from ftbias_jax.io.log import Repair, Repairs
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.setup.dump import dump_setup
 from ftbias_jax.setup.save import write_text
@@ -174,6 +174,14 @@ def plain_of_poses(found: IdentifyResult) -> dict[str, Any]:
     shown = {name: {"value": plain(value), "stderr": plain(stderr)} for name, value, stderr, why in numbers if not why}
     assert found.poses is not None
     return {"kept": ["tool"], "refused": [], "forecast": {}, "tool": shown, "poses": plain(found.poses._asdict())}
+
+
+def other_tool(error: float, logs: int) -> Repairs:
+    """Remark on one of several ``logs`` whose tool, after the calibration, is not the one of all; () = it is."""
+    if not error or logs < 2:
+        return ()
+    what = f"the force that follows the tool is {1 + error:.3g} times what the calibrated tool causes"
+    return (Repair(f"{what}: if the logs have different tools, calibrate each of them alone", lost=True),)
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -10,6 +10,7 @@ from ftbias_jax.diagnosis.evidence.estimates import correlations
 from ftbias_jax.diagnosis.evidence.gap import (
     CrossValidation,
     compare,
+    differ,
     is_closed,
     is_quiet,
     may_hide_a_gap,
@@ -155,14 +156,16 @@ def explain(
     causes, ranking = with_statements(answer, causes)
     place = where(problem, before, tuple(dict.fromkeys(cause.stage for cause in causes)))
     by_log = compare(problem, names, answer.accepted if causes else base, before, answer.after)
-    if worse := worsened(by_log):
+    worse = worsened(by_log)
+    disagree = bool(worse) or (verdict == "partly_explained" and differ(by_log))
+    if disagree:
         verdict = "partly_explained"
     diagnosis = Diagnosis(
         verdict=verdict,
         sentence=no_free_motion(answer.gap, max(problem.durations))
         if pushed
         else disagreement(by_log, worse)
-        if worse
+        if disagree
         else headline(verdict, answer.gap, in_order(answer, causes), ranking, place),
         causes=causes,
         candidates=ranking,

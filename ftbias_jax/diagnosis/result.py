@@ -164,6 +164,8 @@ class LogGap(NamedTuple):
     stderr: dict[str, dict[str, Numbers]]
     nats: float = 0.0
     """Gain by the causes on the held-out blocks of this log; negative if the log contradicts them."""
+    left: float = 0.0
+    """nats per second that remain in this log; with parameters of its own it would gain ``own_gain`` of them."""
 
     @property
     def is_raised(self) -> bool:

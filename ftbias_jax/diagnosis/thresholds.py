@@ -81,6 +81,9 @@ CLOSE = 0.95
 """Share of a cause's gain that another effect must reach to be its twin. [dev]"""
 FORM_LOSS = 0.02
 """Share of its gain that a real effect may lose because its form never matches the catalogue's exactly. [dev]"""
+APART, LEAST_APART = 0.5, 1.0
+"""Share of what shared parameters leave in the logs that separate ones would remove, and nats per second, from which
+the logs do not share the causes. [owner]"""
 HOPELESS = 0.7
 """Share of the best gain below which a candidate's rough fit is not tried as a twin. [dev]"""
 MOST_TWINS, MOST_TRIED = 3, 5
@@ -103,6 +106,8 @@ standard deviations of the free force, and share of the force of contact, beyond
 LEAST_CHATTER, CHATTER = 30, 1.0
 """Number of bins from which chatter in contact is measured, and ratio of its variance to that of the noise from which
 it counts: by chance the estimate is off by .3. [noise]"""
+MOST_TENTS = 256
+"""Maximum number of functions for the shapes of all events together: solving for more takes minutes. [owner]"""
 CREST_FACTOR = 10.0
 """Crest factor: standard deviations that unrecorded accelerations reach when an arm stops and starts. [physics]"""
 LEAST_LEVER = 0.03

@@ -145,6 +145,17 @@ def test_a_tool_that_only_predicts_as_well_is_not_taken_twice(faked):
     assert [step.kept for step in calibrate(TRUE, [LOG], unchecked=True).steps if step.kind == "tool"] == [True]
 
 
+def test_logs_of_different_tools_are_told(faked, monkeypatch):
+    faked(lambda effects, mass: 1.0)
+    monkeypatch.setattr(module, "judge", lambda *_: judged(1.0)._replace(tool_error=np.array([0.11, 0.0])))
+    other = [[repair.what for repair in log] for log in module.calibrate(TRUE, [LOG, LOG]).repairs]
+    assert "is 1.11 times what the calibrated tool causes" in other[0][-1]
+    assert "calibrate each of them alone" in other[0][-1]
+    assert not any("times" in what for what in other[1])
+    monkeypatch.setattr(module, "judge", lambda *_: judged(1.0)._replace(tool_error=np.array([0.11])))
+    assert module.calibrate(TRUE, LOG).repairs == ((),)
+
+
 def test_causes_may_still_move_a_tool_that_was_identified_without_them(faked):
     """Once identified beside them, a tool that nothing has changed keeps the standard errors of its identification."""
     faked(lambda effects, mass: 1.0 if mass == 2.0 else 3.0, mass=2.0)

@@ -204,6 +204,15 @@ def test_two_logs_of_one_robot_share_the_tool(setup, record):
 
 
 @pytest.mark.slow
+def test_two_logs_of_different_tools_do_not_share_one(setup, record):
+    logs = [record({"tool_mass": {"mass": jnp.array(mass)}}) for mass in (0.96, 1.3)]
+    diagnosis = diagnose(setup, logs, ["one", "other"])
+    assert diagnosis.verdict == "partly_explained"
+    assert diagnosis.sentence.startswith("The logs do not share one")
+    assert diagnosis.sentence.endswith("do not apply this.")
+
+
+@pytest.mark.slow
 def test_a_torque_is_found_though_the_joint_error_of_a_heavy_tool_may_hide_it(setup):
     """The smoother states several times the error that joints in smooth motion have."""
     heavy = replace(setup, tool=replace(setup.tool, mass=8.0, inertia=8 * setup.tool.inertia))

@@ -217,7 +217,9 @@ def compare(
         said = {effect: value for effect, (value, _) in values.items()}
         stderr = {effect: error for effect, (_, error) in values.items()}
         nats = float((before.error[own] ** 2 - after.error[own] ** 2).sum()) / 2
-        found.append(LogGap(name, first, last, gain_per_second, said, stderr, nats))
+        left = np.where(problem.samples[own] > 0, after.error[own] ** 2 - 1, 0).sum() / 2
+        left = max(float(left), 0.0) / max(problem.durations[log], 1e-9)
+        found.append(LogGap(name, first, last, gain_per_second, said, stderr, nats, left))
     return tuple(found)
 
 
@@ -229,6 +231,12 @@ def worsened(by_log: Sequence[LogGap]) -> tuple[LogGap, ...]:
     most = max((log.nats for log in by_log), default=0.0)
     loss = max(thresholds.LEAST_GAIN, thresholds.FORM_LOSS * most)
     return tuple(log for log in by_log if log.is_raised or log.nats < -loss)
+
+
+def differ(by_log: Sequence[LogGap]) -> bool:
+    """Whether the logs need parameters of their own: these would remove most of what the shared ones leave."""
+    own, left = (sum(getattr(log, name) for log in by_log) for name in ("own_gain", "left"))
+    return own > thresholds.APART * left and own > thresholds.LEAST_APART
 
 
 def _sigmas(problem: Problem, error: np.ndarray, own: np.ndarray) -> float:

@@ -40,7 +40,12 @@ def touches(
         ways = [(_trimmed(problem, name, error, merge(events)), error, SHAPES) for events, error in origins if events]
         ways += [(seen, accepted.error, SHAPES_IF_SEEN)] if seen else []
         strong = [(_beyond_motion(problem, name, error, events), tents) for events, error, tents in ways]
-        shapes = [shaped_events(problem, name, events, most) for events, tents in strong if events for most in tents]
+        shapes = [
+            shaped_events(problem, name, events, most)
+            for events, tents in strong
+            for most in tents
+            if events and (most == tents[0] or most * len(events) <= thresholds.MOST_TENTS)
+        ]
         gains = [
             (_gain(accepted, whitened_series(problem, h.shapes)), h)
             for h in shapes

@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 
 from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap, LogGap, Where
+from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.setup.require import is_draft
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import AXES
@@ -47,7 +48,10 @@ def headline(
 
 
 def disagreement(by_log: Sequence[LogGap], worse: Sequence[LogGap]) -> str:
-    """The headline of logs some of which get ``worse`` by what explains all of them together."""
+    """The headline of logs some of which get ``worse`` by what explains all of them together, or that each need another
+    size of it."""
+    if not worse:
+        return f"The logs do not share one size of {_sizes_of(by_log)}. Diagnose them one by one; do not apply this."
     raised = [log for log in worse if log.is_raised]
     errors = [f"of {log.name} from {log.before_sigmas:.2g} to {log.after_sigmas:.2g} noise sigmas" for log in raised]
     does = [f"raises the error {_and(errors)}"] if errors else []
@@ -57,6 +61,17 @@ def disagreement(by_log: Sequence[LogGap], worse: Sequence[LogGap]) -> str:
         f"The logs do not share one cause: what explains them together {_and(does)}. "
         f"Diagnose them one by one, {odd} first; do not apply this."
     )
+
+
+def _sizes_of(by_log: Sequence[LogGap]) -> str:
+    """Names of the causes, and the size of the first one in the logs where it differs most, if it is a number."""
+    names = _and(by_log[0].parameters)
+    effect, numbers = next(iter(by_log[0].parameters.items()))
+    for name in (name for name, value in numbers.items() if isinstance(value, float)):
+        sizes = [np.array([log.parameters[effect][name], log.stderr[effect][name]], float) for log in by_log]
+        ends = min(range(len(by_log)), key=lambda i: sizes[i][0]), max(range(len(by_log)), key=lambda i: sizes[i][0])
+        return f"{names}: {name} {' and '.join(f'{value_words(*sizes[i])} in {by_log[i].name}' for i in ends)}"
+    return names
 
 
 def no_free_motion(gap: Gap, seconds: float) -> str:

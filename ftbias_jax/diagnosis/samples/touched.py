@@ -60,10 +60,10 @@ def variance_in_contact(
     half = np.median(np.diff(t)) / 2
     for contact in contacts:
         inside = in_contact(t, [contact])
-        bend = np.diff(error, 2, axis=0)[inside[2:] & inside[:-2]]
+        bend = np.nan_to_num(np.diff(error, 2, axis=0)[inside[2:] & inside[:-2]])  # missing readings count as quiet
         if len(bend) >= LEAST_CHATTER:
             usual = np.median(variance[inside], axis=0)
-            excess = (np.nanmedian(np.abs(bend), axis=0) / NORMAL_MEDIAN) ** 2 / BEND_OF_WHITE - usual
+            excess = (np.median(np.abs(bend), axis=0) / NORMAL_MEDIAN) ** 2 / BEND_OF_WHITE - usual
             more[inside] += np.where(excess > CHATTER * usual, excess, 0.0)
         for end in (contact.start, contact.end):
             at = np.flatnonzero(np.abs(t - end) <= 2 * half)

@@ -10,7 +10,7 @@ import pytest
 from ftbias_jax.cli.commands import demo
 from ftbias_jax.diagnosis.evidence.causes import in_order
 from ftbias_jax.diagnosis.evidence.estimates import statement_of
-from ftbias_jax.diagnosis.evidence.gap import worsened
+from ftbias_jax.diagnosis.evidence.gap import differ, worsened
 from ftbias_jax.diagnosis.report.sentence import MOST_WORDS, disagreement, headline, note
 from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap, LogGap, Regime, Where
 from ftbias_jax.diagnosis.terms.found import statement
@@ -191,6 +191,25 @@ def test_logs_that_do_not_share_their_causes_are_named():
     assert "c.csv first; do not apply" in text
     assert "b.csv" not in text
     assert worsened([fine, bad]) == worsened([]) == ()
+
+
+def test_logs_of_different_tools_are_told_with_the_sizes_of_both():
+    """What separate parameters would remove of what shared ones leave decides: no arm is the same on every day."""
+    masses = {"a.csv": 1.216, "b.csv": 1.22, "c.csv": 1.407}
+    logs = [
+        LogGap(name, 60.0, 30.0, 40.0, {"tool_mass": {"mass": mass}, "cable": {}}, {"tool_mass": {"mass": 0.002}})
+        for name, mass in masses.items()
+    ]
+    assert differ([log._replace(left=50.0) for log in logs])
+    assert not differ([log._replace(left=100.0) for log in logs])
+    assert not differ([log._replace(own_gain=0.1, left=0.1) for log in logs])
+    text = disagreement(logs, ())
+    assert text == (
+        "The logs do not share one size of tool_mass, and cable: mass 1.2160 ± 0.0020 in a.csv and 1.4070 ± 0.0020 in "
+        "c.csv. Diagnose them one by one; do not apply this."
+    )
+    forces = [log._replace(parameters={"contact": {"force": [[1.0, 0.0, 0.0]]}}, stderr={}) for log in logs]
+    assert disagreement(forces, ()).startswith("The logs do not share one size of contact. Diagnose")
 
 
 def test_a_log_that_contradicts_a_small_cause_of_another_is_named():
