@@ -84,7 +84,11 @@ class Calibrated:
     @property
     def left_out(self) -> str:
         """What the setup leaves out, in words; "" = nothing."""
-        return f"events of these logs alone, left out of the setup: {', '.join(self.events)}" if self.events else ""
+        if not self.events:
+            return ""
+        text = f"events of these logs alone, left out of the setup: {', '.join(self.events)}"
+        carried = f"; a part was carried: weigh it and the tool by {PAYLOADS}"
+        return text + carried if "term of acceleration" in self.events else text
 
     @property
     def sentence(self) -> str:
@@ -174,6 +178,10 @@ def plain_of_poses(found: IdentifyResult) -> dict[str, Any]:
     shown = {name: {"value": plain(value), "stderr": plain(stderr)} for name, value, stderr, why in numbers if not why}
     assert found.poses is not None
     return {"kept": ["tool"], "refused": [], "forecast": {}, "tool": shown, "poses": plain(found.poses._asdict())}
+
+
+PAYLOADS = "ftbias identify --payloads"
+"""The command for logs in which the tool carries a part for some of the time."""
 
 
 def other_tool(error: float, logs: int) -> Repairs:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.commissioning.events import is_bias_alone, other_causes, same_causes, without_events
+from ftbias_jax.commissioning.result import Calibrated
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.fitting import Step, Touches
 from ftbias_jax.setup import parse_setup
@@ -73,3 +74,13 @@ def test_what_a_draft_left_open_is_open_whatever_is_looked_for():
     assert other_causes(GIVEN, {"low_pass"}) - others == left_open
     assert {"gain", "term"} < others
     assert "low_pass" not in others
+
+
+def test_a_part_that_was_carried_is_weighed_by_another_command():
+    made = Calibrated(GIVEN, (), {}, None, events=("term of acceleration", "bias_jump"))
+    assert made.left_out.startswith(
+        "events of these logs alone, left out of the setup: term of acceleration, bias_jump"
+    )
+    assert made.left_out.endswith("weigh it and the tool by ftbias identify --payloads")
+    assert "payloads" not in replace(made, events=("bias_jump",)).left_out
+    assert replace(made, events=()).left_out == ""

@@ -63,7 +63,13 @@ FIXED: Mapping[str, tuple[Names, ...]] = {
         tuple(f"{name}_{i}" for name in ("force", "torque") for i in range(3)),
         *(
             tuple(f"{name}{x}" for name in names for x in "xyz")
-            for names in (("f_", "t_"), ("f_", "m_"), ("force", "torque"))
+            for names in (
+                ("f_", "t_"),
+                ("f_", "m_"),
+                ("force", "torque"),
+                ("kraft_", "moment_"),
+                ("kraft_", "drehmoment_"),
+            )
         ),
     ),
     **{
@@ -100,7 +106,7 @@ COUNTED: Mapping[str, Names] = {
     "velocity": (
         *("actual_qd", "dq", "qd", "joint_velocities", "joint_velocity", "joint_vel", "velocities", "velocity", "qvel"),
     ),
-    "other_position": ("q_actual", "q_measured", "q_meas", "jointpos", "jpos", "theta", "j"),
+    "other_position": ("q_actual", "q_measured", "q_meas", "jointpos", "jpos", "theta", "j", "achse", "gelenk"),
     "other_velocity": ("qdot", "q_dot", "joint_speeds", "joint_speed", "jointvel", "jvel"),
     "wrench": (
         *("ft_raw_wrench", "actual_tcp_force", "k_f_ext_hat_k", "o_f_ext_hat_k", "force_torque", "ft_sensor"),

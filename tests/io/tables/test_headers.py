@@ -349,6 +349,15 @@ def test_time_of_other_names_is_taken_where_there_is_no_time():
     assert [match.names for match in matches("time", ["elapsed_time", "Timestamp"])] == [("Timestamp",)]
 
 
+def test_german_names_are_known():
+    header = ["Zeit [s]", *(f"Achse {i} [°]" for i in range(1, 7)), *(f"Kraft {x} [N]" for x in "XYZ")]
+    for torque in ("Moment", "Drehmoment"):
+        named = [*header, *(f"{torque} {x} [Nm]" for x in "XYZ")]
+        assert matches("wrench", named)[0].names == tuple(named[-6:])
+    assert matches("position", header)[0].names == tuple(header[1:7])
+    assert matches("position", header)[0].facts == {"log.angle_unit": "deg"}
+
+
 def test_other_names_of_joints_are_taken_where_there_are_no_usual_ones():
     motors = [f"state.theta[{i}]" for i in SIX]  # of libfranka, beside q
     assert [match.names[0] for match in matches("position", [*motors, *(f"state.q[{i}]" for i in SIX)])] == [
