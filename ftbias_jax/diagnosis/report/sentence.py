@@ -51,7 +51,9 @@ def disagreement(by_log: Sequence[LogGap], worse: Sequence[LogGap]) -> str:
     """The headline of logs some of which get ``worse`` by what explains all of them together, or that each need another
     size of it."""
     if not worse:
-        return f"The logs do not share one size of {_sizes_of(by_log)}. Diagnose them one by one; do not apply this."
+        return (
+            f"The logs do not share one size of {_what_differs(by_log)}. Diagnose them one by one; do not apply this."
+        )
     raised = [log for log in worse if log.is_raised]
     errors = [f"of {log.name} from {log.before_sigmas:.2g} to {log.after_sigmas:.2g} noise sigmas" for log in raised]
     does = [f"raises the error {_and(errors)}"] if errors else []
@@ -63,7 +65,7 @@ def disagreement(by_log: Sequence[LogGap], worse: Sequence[LogGap]) -> str:
     )
 
 
-def _sizes_of(by_log: Sequence[LogGap]) -> str:
+def _what_differs(by_log: Sequence[LogGap]) -> str:
     """Names of the causes, and the size of the first one in the logs where it differs most, if it is a number."""
     names = _and(by_log[0].parameters)
     effect, numbers = next(iter(by_log[0].parameters.items()))

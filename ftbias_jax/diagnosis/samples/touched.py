@@ -38,7 +38,7 @@ def _with_exact_ends(t: np.ndarray, error: np.ndarray, contact: Contact) -> Cont
         least = max(TOUCH_BEGINS * np.median(push[free]), TOUCH_SHARE * np.median(push[inside]))
         there = np.flatnonzero((push > least) & ~free)
         if len(there):
-            ends[side] = float(near[there[-side]])
+            ends[side] = float(near[there[-1 if side else 0]])
     return contact._replace(start=ends[0], end=ends[1]) if ends[0] < ends[1] else contact
 
 
@@ -57,7 +57,7 @@ def variance_in_contact(
         contacts: with their exact ends.
     """
     more = np.zeros_like(error)
-    half = np.median(np.diff(t)) / 2
+    step = np.median(np.diff(t))
     for contact in contacts:
         inside = in_contact(t, [contact])
         bend = np.nan_to_num(np.diff(error, 2, axis=0)[inside[2:] & inside[:-2]])  # missing readings count as quiet
@@ -66,7 +66,7 @@ def variance_in_contact(
             excess = (np.median(np.abs(bend), axis=0) / NORMAL_MEDIAN) ** 2 / BEND_OF_WHITE - usual
             more[inside] += np.where(excess > CHATTER * usual, excess, 0.0)
         for end in (contact.start, contact.end):
-            at = np.flatnonzero(np.abs(t - end) <= 2 * half)
+            at = np.flatnonzero(np.abs(t - end) <= step)
             if len(at) > 1:
-                more[at] += np.ptp(error[at[0] - 1 : at[-1] + 2], axis=0) ** 2
+                more[at] += np.ptp(error[max(at[0] - 1, 0) : at[-1] + 2], axis=0) ** 2
     return np.nan_to_num(more)

@@ -60,6 +60,12 @@ def test_bins_in_which_a_contact_begins_or_ends_may_be_anything_between():
     assert (more[:, 2] > 0).sum() <= 8
 
 
+def test_a_contact_from_the_first_to_the_last_bin():
+    t, error = bins(T), bins(errors(np.random.default_rng(4), PUSH, begin=-1.0, end=50.0))
+    whole = [Contact(float(t[0]), float(t[-1]), PUSH)]
+    assert (variance_in_contact(t, error, np.broadcast_to(NOISE**2 / 10, error.shape), whole) < 0.1).all()
+
+
 def test_a_log_without_contact_is_left_as_it_is():
     error = errors(np.random.default_rng(3), 0 * PUSH)
     assert with_exact_ends(T, error, []) == ()
