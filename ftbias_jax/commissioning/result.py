@@ -14,6 +14,7 @@ from ftbias_jax.commissioning.judged import CONSTANT, HEAD, HELD_TARE, Judged, t
 from ftbias_jax.diagnosis.report.page import html_table, section, typeset, whole_page
 from ftbias_jax.diagnosis.report.svg import escape
 from ftbias_jax.diagnosis.result import Diagnosis
+from ftbias_jax.filtering.noise.log_noise import force_of_tool
 from ftbias_jax.io.atomic import plain
 from ftbias_jax.io.log import Repair, Repairs
 from ftbias_jax.model.effects.statements import value_words
@@ -87,7 +88,7 @@ class Calibrated:
         if not self.events:
             return ""
         text = f"events of these logs alone, left out of the setup: {', '.join(self.events)}"
-        carried = f"; a part was carried: weigh it and the tool by {PAYLOADS}"
+        carried = "; a part was carried: weigh it and the tool by ftbias identify --payloads"
         return text + carried if "term of acceleration" in self.events else text
 
     @property
@@ -180,15 +181,11 @@ def plain_of_poses(found: IdentifyResult) -> dict[str, Any]:
     return {"kept": ["tool"], "refused": [], "forecast": {}, "tool": shown, "poses": plain(found.poses._asdict())}
 
 
-PAYLOADS = "ftbias identify --payloads"
-"""The command for logs in which the tool carries a part for some of the time."""
-
-
 def other_tool(error: float, logs: int) -> Repairs:
     """Remark on one of several ``logs`` whose tool, after the calibration, is not the one of all; () = it is."""
     if not error or logs < 2:
         return ()
-    what = f"the force that follows the tool is {1 + error:.3g} times what the calibrated tool causes"
+    what = force_of_tool(error, "the calibrated")
     return (Repair(f"{what}: if the logs have different tools, calibrate each of them alone", lost=True),)
 
 

@@ -213,13 +213,13 @@ def compare(
         first, last = (_sigmas(problem, held.error, own) for held in (before, after))
         alone, gain = refit_one_log(accepted, own)
         values = {h.effect: parameters(problem, alone, h) for h in accepted.hypotheses}
-        gain_per_second = gain / max(problem.durations[log], 1e-9)
+        seconds = max(problem.durations[log], 1e-9)
         said = {effect: value for effect, (value, _) in values.items()}
         stderr = {effect: error for effect, (_, error) in values.items()}
         nats = float((before.error[own] ** 2 - after.error[own] ** 2).sum()) / 2
         left = np.where(problem.samples[own] > 0, after.error[own] ** 2 - 1, 0).sum() / 2
-        left = max(float(left), 0.0) / max(problem.durations[log], 1e-9)
-        found.append(LogGap(name, first, last, gain_per_second, said, stderr, nats, left))
+        left_per_second = max(float(left), 0.0) / seconds
+        found.append(LogGap(name, first, last, gain / seconds, said, stderr, nats, left_per_second))
     return tuple(found)
 
 

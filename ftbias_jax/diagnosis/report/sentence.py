@@ -69,11 +69,13 @@ def _what_differs(by_log: Sequence[LogGap]) -> str:
     """Names of the causes, and the size of the first one in the logs where it differs most, if it is a number."""
     names = _and(by_log[0].parameters)
     effect, numbers = next(iter(by_log[0].parameters.items()))
-    for name in (name for name, value in numbers.items() if isinstance(value, float)):
-        sizes = [np.array([log.parameters[effect][name], log.stderr[effect][name]], float) for log in by_log]
-        ends = min(range(len(by_log)), key=lambda i: sizes[i][0]), max(range(len(by_log)), key=lambda i: sizes[i][0])
-        return f"{names}: {name} {' and '.join(f'{value_words(*sizes[i])} in {by_log[i].name}' for i in ends)}"
-    return names
+    name = next((name for name, value in numbers.items() if isinstance(value, float)), None)
+    if name is None:
+        return names
+    sizes = (np.array([log.parameters[effect][name], log.stderr[effect][name]], float) for log in by_log)
+    smallest, *_, largest = sorted(zip(sizes, by_log, strict=True), key=lambda one: float(one[0][0]))
+    ends = " and ".join(f"{value_words(*size)} in {log.name}" for size, log in (smallest, largest))
+    return f"{names}: {name} {ends}"
 
 
 def no_free_motion(gap: Gap, seconds: float) -> str:

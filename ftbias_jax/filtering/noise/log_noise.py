@@ -56,8 +56,16 @@ def log_noise_from(found: Noise, layout: Layout, *, slow_is_stated: bool) -> Log
     speed = np.inf if found.vibration.speed is None else float(found.vibration.speed)
     vibration = found.vibration._replace(speed=speed if np.isfinite(speed) else None)
     hidden, density = np.asarray(found.hidden), np.asarray(found.density)
-    noise = LogNoise(contacts, vibration, slow, found.offset, found.inflation, hidden=hidden, density=density)
-    return noise._replace(tool_error=float(found.tool_error))
+    return LogNoise(
+        contacts,
+        vibration,
+        slow,
+        found.offset,
+        found.inflation,
+        hidden=hidden,
+        density=density,
+        tool_error=float(found.tool_error),
+    )
 
 
 def describe(noise: LogNoise) -> list[str]:
@@ -98,18 +106,20 @@ def by_axis(values: Array, shown: Array | None = None, digits: int = 2) -> str:
     )
 
 
+def force_of_tool(error: float, whose: str) -> str:
+    """How large the tool's force is in the reading, relative to that of the setup's or the calibrated tool."""
+    return f"the force that follows the tool is {1 + error:.3g} times what {whose} tool causes"
+
+
 def remarks_of_noise(noise: LogNoise) -> Repairs:
     """Remarks for the owner: no free motion, or a gate that rejected most of the log; () as a rule."""
-    repairs: Repairs = (Repair(BEGUN_AGAIN),) if noise.begun_again else ()
+    repairs = [Repair(BEGUN_AGAIN)] if noise.begun_again else []
     if noise.tool_error:
-        what = f"the force that follows the tool is {1 + noise.tool_error:.3g} times what the setup's tool causes"
-        repairs = (
-            *repairs,
-            Repair(f"{what}: another tool, or a gain? Run ftbias identify; the error bars include it"),
-        )
+        what = force_of_tool(noise.tool_error, "the setup's")
+        repairs.append(Repair(f"{what}: another tool, or a gain? Run ftbias identify; the error bars include it"))
     if noise.hidden.any():
         return (*repairs, Repair(f"{TOUCHED}, by {by_axis(noise.hidden)} N, Nm: {TARE}", lost=True))
     if not noise.kept_out:
-        return repairs
+        return tuple(repairs)
     what = f"the gate keeps out {noise.kept_out:.0%} of the log, for any initial bias: do not trust the bias"
     return (*repairs, Repair(f"{what}, and look for the cause by ftbias diagnose", lost=True))

@@ -14,16 +14,16 @@ LAYOUT = Layout(25, 0.05)
 found = jax.jit(partial(error_of_tool_force, layout=LAYOUT))
 
 
-def turning(rng, t, newton=10.0):
-    """(N, 6) weight of a tool that turns about two axes."""
+def turning(rng, t):
+    """(N, 6) weight, 10 N, of a tool that turns about two axes."""
     a, b = (rng.uniform(0.5, 2) * np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in rng.uniform(0.05, 0.3, 2))
-    force = newton * np.stack([np.sin(a), np.cos(a) * np.sin(b), np.cos(a) * np.cos(b)], 1)
+    force = 10.0 * np.stack([np.sin(a), np.cos(a) * np.sin(b), np.cos(a) * np.cos(b)], 1)
     return np.concatenate([force, np.cross([0.0, 0.01, 0.05], force)], 1)
 
 
-def blocks_with(rng, error, newton=10.0, seconds=60.0, slow=0.0):
+def blocks_with(rng, error, seconds=60.0, slow=0.0):
     t = stamps(seconds, 20)
-    tool = turning(rng, t, newton)
+    tool = turning(rng, t)
     other = slow * np.roll(tool, 1, axis=1)  # as a sensor that is turned, whose errors follow the motion as well
     y = free_motion(rng, t, STD / 5) - error * tool + other
     return made_blocks(t, y, STD**2)._replace(tool=tool)
