@@ -11,7 +11,7 @@ from ftbias_jax.diagnosis.regression.fit import Fit, covariance
 from ftbias_jax.diagnosis.result import Curve, FoundTerm, Gap, Numbers
 from ftbias_jax.diagnosis.terms.describe import Description
 from ftbias_jax.diagnosis.terms.grid import free_names
-from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS, intervals_in_words, resembles
+from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS, check, intervals_in_words, resembles
 from ftbias_jax.diagnosis.terms.select import is_gain_too
 from ftbias_jax.filtering.innovation_regression import stderr_of_reading
 from ftbias_jax.model.effects.statements import value_words
@@ -104,7 +104,7 @@ def found_term(term: Term, errors: np.ndarray, text: str, statement: str, gain: 
         equivalent_to=(),
         separate_by=(),
         resembles=resembles(term),
-        check=DRIVE_WORDS[term.drive].check,
+        check=check(term),
         held_out_gain=gain[0],
         held_out_gain_stderr=gain[1],
         shrink=0.0,

@@ -178,6 +178,11 @@ LIKE = {
     ("joint_velocity", "friction"): "a seal that rubs",
 }
 """What a form resembles most, if that differs from the first cause that its drive resembles."""
+CHECK = {
+    ("acceleration", "payload"): "weigh what is carried with ftbias identify --payloads, or on a scale",
+    ("time", "step"): "look at what touched the tool or was switched near it then",
+}
+"""What to check for a form, if that differs from what to check for its drive."""
 SLOWEST = {"mains hum": 16.0, "a structure that rings": 2.0, "a fan, pump or motor": 0.2}
 """Hz, lowest frequency of each cause; railways have the lowest mains frequency, 16.7 Hz."""
 
@@ -195,6 +200,13 @@ def intervals_in_words(times: Array) -> str:
     words = [f"from {on:.4g} to {off:.4g} s" for on, off in zip(edges[::2], edges[1::2], strict=False)]
     words += [f"from {edges[-1]:.4g} s on"] if len(edges) % 2 else []
     return " and ".join(words)
+
+
+def check(term: Term) -> str:
+    """What to check first; a step that stays (a single time) is a change of the tool or of the amplifier."""
+    stays = (term.drive, term.form) == ("time", "step") and np.size(term.parameters["time"]) == 1
+    of_drive = DRIVE_WORDS[term.drive].check
+    return of_drive if stays else CHECK.get((term.drive, term.form), of_drive)
 
 
 def resembles(term: Term) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from ftbias_jax.diagnosis.report.sentence import MOST_WORDS, disagreement, headl
 from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap, LogGap, Regime, Where
 from ftbias_jax.diagnosis.terms.found import statement
 from ftbias_jax.diagnosis.terms.grid import make_term
-from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, resembles
+from ftbias_jax.diagnosis.terms.phrases import check, resembles
 from ftbias_jax.model.effects.catalogue import CATALOGUE, typical_values
 from ftbias_jax.model.effects.terms.columns import count_columns
 from ftbias_jax.model.effects.terms.forms import FORMS
@@ -82,9 +82,8 @@ def test_every_term_has_a_headline(key):
     term = make_term(*key, "sensor" if form.kind == "channels" else "base", acts_as, 2, numbers)
     count = count_columns(term)
     said = statement(term, np.full(count, 1.5), np.full(count, 0.03), "0.35 N")
-    check = DRIVE_WORDS[key[0]].check
     described = FoundTerm(
-        *key, "base", acts_as, said, *[{}] * 4, None, (), (), resembles(term), check, 1.0, 0.1, 0.9, {}, said
+        *key, "base", acts_as, said, *[{}] * 4, None, (), (), resembles(term), check(term), 1.0, 0.1, 0.9, {}, said
     )
     text = headline("described", GAP, (described,))
     assert_complete(text)

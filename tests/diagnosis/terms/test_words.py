@@ -5,7 +5,7 @@ import pytest
 
 from ftbias_jax.diagnosis.terms.found import coefficients_of, grouped, sentence
 from ftbias_jax.diagnosis.terms.grid import make_term
-from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS, resembles
+from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS, check, resembles
 from ftbias_jax.model.effects.terms.columns import count_columns
 from ftbias_jax.model.effects.terms.forms import DRIVES, FORMS
 
@@ -20,6 +20,13 @@ def test_slow_lines_are_no_mains_hum(hertz, kind):
     term = make_term("frequency", "line", "sensor", "wrench", 0, {"frequency": np.asarray(hertz)})
     assert resembles(term)[0].startswith(kind)
     assert ("a structure that rings" in resembles(term)) is (hertz > 2)
+
+
+@pytest.mark.parametrize(("times", "advice"), [([3.0], "weigh the tool"), ([3.0, 4.0], "look at what touched the tool")])
+def test_a_step_that_ends_is_something_that_touched_the_tool(times, advice):
+    term = make_term("time", "step", "sensor", "wrench", 0, {"time": np.array(times)})
+    assert check(term).startswith(advice)
+    assert ("something that touches the tool" in resembles(term)) is (len(times) > 1)
 
 
 @pytest.mark.parametrize("key", FORMS, ids=" ".join)
