@@ -24,6 +24,7 @@ from ftbias_jax.filtering.noise.contact import Contact, Contacts, find_contacts,
 from ftbias_jax.filtering.noise.fit_noise import Noise, fit_noise
 from ftbias_jax.filtering.noise.free_motion import is_touched_all_along
 from ftbias_jax.filtering.noise.log_noise import LogNoise, log_noise_from, nothing
+from ftbias_jax.filtering.noise.tool_force import with_tool_as_seen
 from ftbias_jax.filtering.noise.vibration import fit_vibration
 from ftbias_jax.filtering.params_for_log import without_useless
 from ftbias_jax.filtering.pipeline import Options, State
@@ -133,7 +134,8 @@ def _contacts(
 ) -> tuple[Contacts, Array, Array]:
     blocks = _blocks(columns, jumps, length, layout)
     assert blocks.tool is not None
-    contacts = find_contacts(blocks, layout, slow_std(blocks, layout))
+    as_seen = with_tool_as_seen(blocks, layout)
+    contacts = find_contacts(as_seen, layout, slow_std(as_seen, layout))
     return contacts, blocks.t, is_touched_all_along(blocks, blocks.tool, layout)
 
 

@@ -12,7 +12,7 @@ from ftbias_jax.filtering.noise.contact import Contacts, find_contacts, slow_std
 from ftbias_jax.filtering.noise.free_motion import hidden_bias
 from ftbias_jax.filtering.noise.scatter import HEAVY
 from ftbias_jax.filtering.noise.slow_noise import SlowNoise, fit_slow_noise, join_blocks
-from ftbias_jax.filtering.noise.tool_force import error_of_tool_force
+from ftbias_jax.filtering.noise.tool_force import error_of_tool_force, with_tool_as_seen
 from ftbias_jax.filtering.noise.vibration import Vibration, fit_vibration, taken_level
 from ftbias_jax.filtering.noise.wander import fit_wander
 from ftbias_jax.model.params import BiasNoise
@@ -63,8 +63,9 @@ def fit_noise(stated: BiasNoise, blocks: Blocks, layout: Layout) -> tuple[BiasNo
     Gradients pass through what is stated; estimates from the log count as constant. The blocks are of the whole log.
     """
     given, (stated, blocks) = stated, jax.lax.stop_gradient((stated, blocks))
-    slowly = slow_std(blocks, layout)
-    contacts, offset = find_contacts(blocks, layout, slowly), offset_of(blocks, slowly, stated)
+    as_seen = with_tool_as_seen(blocks, layout)
+    contacts = find_contacts(as_seen, layout, slow_std(as_seen, layout))
+    offset = offset_of(blocks, slow_std(blocks, layout), stated)
     free = ~contacts.near & (jnp.arange(len(blocks.t)) < blocks.number)
     sensor = jnp.maximum(stated.wrench_variance, TINY)
     vibration = fit_vibration(blocks, layout, free, sensor, taken=stated.vibration is None)

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
-from ftbias_jax.filtering.noise.blocks import Blocks, Layout
+from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
 from ftbias_jax.types import Array
 
 LAG = 2.0
@@ -19,17 +19,29 @@ SEGMENT, FEWEST = 5.0, 6
 CHANCE, LEAST = 4.0, 0.02
 """Standard errors, and share of the tool's force, that are not exceeded by a tool that is as stated: sensors are
 calibrated to a per cent or two."""
+OUTLYING, NORMAL_MEDIAN = 5.0, 0.6745
+"""Standard deviations of the changes beyond which something else changed; median size of standard normal numbers."""
+FORCE, TORQUE = slice(0, 3), slice(3, 6)
 TINY = 1e-12
 
 
-def error_of_tool_force(blocks: Blocks, free: Bool[Array, " N"], layout: Layout) -> Float[Array, ""]:
-    """Relative error of the tool's force as stated, from blocks ``free`` of contact; 0 = none that is significant."""
+def error_of_tool_force(
+    blocks: Blocks, free: Bool[Array, " N"], layout: Layout, axes: slice = FORCE
+) -> Float[Array, ""]:
+    """Relative error of the tool's force as stated, from blocks ``free`` of contact; 0 = none that is significant.
+
+    With the other ``axes`` that of its torque.
+    """
     lag = max(1, round(LAG / layout.seconds))
     zero = jnp.zeros((), blocks.mean.dtype)
     if blocks.tool is None or len(blocks.t) <= lag:
         return zero
-    tool, bias = (x[lag:, :3] - x[:-lag, :3] for x in (blocks.tool, blocks.mean))
+    tool, bias = (x[lag:, axes] - x[:-lag, axes] for x in (blocks.tool, blocks.mean))
     seen = (free[lag:] & free[:-lag])[:, None] & jnp.isfinite(bias)
+    # A contact that begins or ends between the two blocks changes the bias by far more than the tool does.
+    rest = jnp.abs(bias - _median_slope(tool, bias, seen) * tool)
+    scale = nan_median(jnp.where(seen, rest, jnp.nan)) / NORMAL_MEDIAN
+    seen &= ~(rest > OUTLYING * scale[None]).any(1, keepdims=True)
     tool, bias = jnp.where(seen, tool, 0), jnp.where(seen, bias, 0)
     power = (tool**2).sum()
     slope = (bias * tool).sum() / jnp.maximum(power, TINY)
@@ -40,3 +52,24 @@ def error_of_tool_force(blocks: Blocks, free: Bool[Array, " N"], layout: Layout)
     stderr = jnp.sqrt((of_segments**2).sum()) / jnp.maximum(power, TINY)
     certain = (power > TINY) & ((counts > 0).sum() >= FEWEST) & (jnp.abs(slope) > jnp.maximum(CHANCE * stderr, LEAST))
     return jnp.where(certain, -slope, zero)  # the measured bias is the prediction minus the reading
+
+
+def with_tool_as_seen(blocks: Blocks, layout: Layout) -> Blocks:
+    """Blocks without the force and the torque that follow the tool beyond what it causes as stated.
+
+    Contact stands out in them whatever the tool is.
+    """
+    if blocks.tool is None:
+        return blocks
+    every = jnp.arange(len(blocks.t)) < blocks.number
+    factors = jnp.stack([error_of_tool_force(blocks, every, layout, axes) for axes in (FORCE, TORQUE)])
+    return blocks._replace(mean=blocks.mean + jnp.repeat(factors, 3)[None] * blocks.tool)
+
+
+def _median_slope(x: Float[Array, "N 3"], y: Float[Array, "N 3"], seen: Bool[Array, "N 3"]) -> Float[Array, ""]:
+    """Slope of y over x through the origin with the least sum of absolute residuals: a weighted median of y / x."""
+    weight = jnp.where(seen, jnp.abs(x), 0).ravel()
+    ratio = jnp.where(weight > TINY, y.ravel() / jnp.where(weight > TINY, x.ravel(), 1), 0)
+    order = jnp.argsort(ratio)
+    upto = jnp.cumsum(weight[order])
+    return ratio[order[jnp.searchsorted(upto, upto[-1] / 2)]]

@@ -22,7 +22,9 @@ def test_slow_lines_are_no_mains_hum(hertz, kind):
     assert ("a structure that rings" in resembles(term)) is (hertz > 2)
 
 
-@pytest.mark.parametrize(("times", "advice"), [([3.0], "weigh the tool"), ([3.0, 4.0], "look at what touched the tool")])
+@pytest.mark.parametrize(
+    ("times", "advice"), [([3.0], "weigh the tool"), ([3.0, 4.0], "look at what touched the tool")]
+)
 def test_a_step_that_ends_is_something_that_touched_the_tool(times, advice):
     term = make_term("time", "step", "sensor", "wrench", 0, {"time": np.array(times)})
     assert check(term).startswith(advice)

@@ -8,7 +8,8 @@ import pytest
 from made_series import STD, free_motion, made_blocks, stamps
 
 from ftbias_jax.filtering.noise.blocks import Layout
-from ftbias_jax.filtering.noise.tool_force import FEWEST, SEGMENT, error_of_tool_force
+from ftbias_jax.filtering.noise.contact import find_contacts, listed, slow_std
+from ftbias_jax.filtering.noise.tool_force import FEWEST, SEGMENT, error_of_tool_force, with_tool_as_seen
 
 LAYOUT = Layout(25, 0.05)
 found = jax.jit(partial(error_of_tool_force, layout=LAYOUT))
@@ -70,3 +71,28 @@ def test_contact_and_missing_readings_are_left_out():
     mean = np.where(touched[:, None], blocks.mean + 20 * np.sin(blocks.t)[:, None], blocks.mean)
     blocks = blocks._replace(mean=np.where(missing[:, None], np.nan, mean))
     assert found(blocks, ~touched) == pytest.approx(0.1, abs=0.01)
+
+
+@pytest.mark.parametrize("error", [0.2, -0.15])
+@pytest.mark.parametrize(("start", "end"), [(20.0, 35.0), (30.0, 31.0)])
+def test_a_push_beside_a_tool_that_is_not_as_stated_is_a_contact(error, start, end):
+    right, wrong = (blocks_with(np.random.default_rng(4), of_tool) for of_tool in (0.0, error))
+    strength = ((right.t > start) & (right.t < end)) * (1 + 0.1 * np.sin(2 * right.t))  # a steady one is a new bias
+    push = np.outer(strength, [3.0, 2.0, -12.0, 0, 0, 0])
+    every = np.ones(len(right.t), bool)
+
+    @jax.jit
+    def searched(blocks):
+        as_seen = with_tool_as_seen(blocks, LAYOUT)
+        return find_contacts(as_seen, LAYOUT, slow_std(as_seen, LAYOUT))
+
+    def contacts_of(blocks):
+        return listed(searched(blocks), blocks.t, LAYOUT)
+
+    (known,), (one,) = (contacts_of(blocks._replace(mean=blocks.mean + push)) for blocks in (right, wrong))
+    assert one.start == pytest.approx(start, abs=0.1)
+    assert (one.start, one.end) == pytest.approx((known.start, known.end), abs=0.1)
+    assert one.force[:3] == pytest.approx(known.force[:3], abs=0.5)
+    pushed = wrong._replace(mean=wrong.mean + push)
+    assert found(pushed, every) == pytest.approx(error, abs=0.02)
+    assert contacts_of(wrong) == contacts_of(right) == ()
