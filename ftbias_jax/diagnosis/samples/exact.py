@@ -13,6 +13,8 @@ from ftbias_jax.diagnosis.samples.types import Finding, log_likelihood_ratio, na
 from ftbias_jax.model.effects.fitting import FLAT_TOPS, LATTICE, LOST
 from ftbias_jax.types import AXES
 
+EQUALS_WINDOW = 100
+"""Rows in which the share of equal neighbours is counted."""
 FLOAT32 = float(np.finfo(np.float32).eps)
 
 
@@ -52,18 +54,36 @@ def repeated_rows(wrench: np.ndarray) -> np.ndarray:
     return np.concatenate([[False], (wrench[1:] == wrench[:-1]).all(1)])
 
 
+def repeated_by_chance(wrench: np.ndarray) -> float:
+    """Expected number of rows of (N, k) readings on lattices that equal the row before although no sample was lost.
+
+    How often a single channel repeats is counted in the rows that are no repeats, in windows, because a reading that
+    hardly changes repeats more often.
+    """
+    equal = np.asarray(wrench[1:] == wrench[:-1])
+    number = -(-len(equal) // EQUALS_WINDOW)
+    window = np.arange(len(equal)) // EQUALS_WINDOW
+    others = ~equal.all(1)
+    counts = np.maximum(np.bincount(window, others, number), 1)
+    shares = [np.bincount(window, channel & others, number) / counts for channel in equal.T]
+    return float((np.prod(shares, axis=0) * np.bincount(window, minlength=number)).sum())
+
+
 def runs(marked: np.ndarray) -> np.ndarray:
     """Lengths of the runs of marked rows (N,)."""
     edge = np.flatnonzero(np.diff(marked.astype(int), prepend=0, append=0))
     return edge[1::2] - edge[::2]
 
 
-def find_dropped(repeated: np.ndarray, gaps: Gaps) -> Finding:
-    """Finding of lost samples: rows that repeat the one before, marked in (N,) bool, and rows that the clock lacks."""
+def find_dropped(repeated: np.ndarray, gaps: Gaps, by_chance: float = 0.0) -> Finding:
+    """Finding of lost samples: rows that repeat the one before, marked in (N,) bool, and rows that the clock lacks.
+
+    ``by_chance`` is the number of repeats that are expected without lost samples.
+    """
     samples, copies, missing = len(repeated), int(repeated.sum()), int(gaps.lost.sum())
     total, lost = samples + missing, copies + missing
     rate, share = lost / total, copies / lost if lost else 1.0
-    nats = log_likelihood_ratio(lost, thresholds.HEALTHY_RATE * total)
+    nats = log_likelihood_ratio(lost, thresholds.HEALTHY_RATE * total + by_chance)
     detected = rate >= thresholds.LEAST_RATE and lost >= thresholds.LEAST_LOST and nats > thresholds.SURPRISING
     sentence = f"{copies} of {samples} rows repeat the row before, {missing} are missing from a clock of "
     sentence += f"{1e3 * gaps.period:.3g} ms" if gaps.period else "no steady period"

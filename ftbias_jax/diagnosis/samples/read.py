@@ -15,8 +15,8 @@ from ftbias_jax.diagnosis.samples.growth import Growth, measure_growth, no_growt
 from ftbias_jax.diagnosis.samples.jitter import Jitter, correlation_along, measure_jitter, no_jitter
 from ftbias_jax.diagnosis.samples.noise import WINDOW, Noise, fast_waves, judge_noise, measure_noise
 from ftbias_jax.diagnosis.samples.spikes import REACH, Spikes, find_outliers, find_spikes
-from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings
-from ftbias_jax.diagnosis.thresholds import AROUND_CLIPPED, COARSE, FORM_LOSS, LEAST_SCATTER, LEAST_WINDOWS
+from ftbias_jax.diagnosis.samples.types import Finding, SampleFindings, log_likelihood_ratio
+from ftbias_jax.diagnosis.thresholds import AROUND_CLIPPED, COARSE, FORM_LOSS, LEAST_SCATTER, LEAST_WINDOWS, SURPRISING
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.types import Array
@@ -89,13 +89,15 @@ def inspect_samples(
     lattices = [exact.find_lattice(x) for x in samples.only(~exact.repeated_rows(samples.wrench)).wrench.T]
     step, step_stderr = (np.array([lattice[i] for lattice in lattices], float) for i in range(2))
     fine = step < COARSE * samples.stated  # on a coarse lattice equal numbers are no evidence
-    repeated = exact.repeated_rows(samples.wrench[:, fine]) & fine.any()
+    repeated, by_chance = exact.repeated_rows(samples.wrench) & fine.any(), exact.repeated_by_chance(samples.wrench)
+    if log_likelihood_ratio(repeated.sum(), by_chance) < SURPRISING:
+        repeated[:] = False
 
     kept = samples.only(~repeated)
     tops = [exact.find_flat_tops(*column) for column in zip(kept.wrench.T, kept.stated, step, strict=True)]
     at_limit = np.stack([exact.at_top(x, found) for x, found in zip(samples.wrench.T, tops, strict=True)], 1)
     # Rows in which every axis is clipped are equal too, but none of them is lost.
-    dropped = exact.find_dropped(repeated & ~at_limit[:, fine].all(1), exact.find_gaps(samples.t))
+    dropped = exact.find_dropped(repeated & ~at_limit[:, fine].all(1), exact.find_gaps(samples.t), by_chance)
     saturated = at_limit[~repeated]
     usable = np.asarray(~saturated.any(1))
     if touched is not None and (free := usable & ~touched[kept.row]).sum() >= LEAST_WINDOWS * WINDOW:

@@ -185,6 +185,25 @@ def test_dropped_samples(form):
         np.testing.assert_array_equal(np.isnan(found.clean_wrench).all(1), lost)
 
 
+@pytest.mark.parametrize("steps", [np.full(6, 0.49), np.array([0.8, 0.8, 0.8, 0.8, 0.49, 0.49]), np.full(6, 0.3)])
+@pytest.mark.parametrize("axes", [6, 2])
+def test_equal_readings_of_a_lattice_are_lost_samples_only_beyond_chance(steps, axes):
+    recording = Recording(12)
+    recording.model[recording.t > 14] = recording.model[-1]  # at rest neighbours are equal more often
+    readings = np.round((recording.model + recording.noise) / (steps * STATED)) * steps * STATED
+    readings[:, axes:] = np.nan
+    assert axes == 6 or (np.diff(readings[:, :2], axis=0) == 0).all(1).sum() > 20
+    assert "dropped_samples" not in names(recording.inspect(readings))
+    lost = recording.rng.random(len(readings)) < 0.1
+    lost[0] = False
+    repeated = readings[np.maximum.accumulate(np.where(lost, 0, np.arange(len(lost))))]
+    found = recording.inspect(repeated)
+    if steps[:axes].min() > 0.5:
+        return  # equal numbers are no evidence where noise hardly leaves a step
+    assert "dropped_samples" in names(found)
+    assert found.lost.parameters["rate"] == pytest.approx(0.1, abs=0.04)
+
+
 def test_merged_timeline_is_not_a_drop():
     recording = Recording(10, 1000.0)
     wrench = recording.model + recording.noise
