@@ -13,12 +13,11 @@ from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS
 from ftbias_jax.io.atomic import plain
 from ftbias_jax.io.cleaning import clean
 from ftbias_jax.io.log import Log
-from ftbias_jax.model.effects.terms.parse import TERM
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup.mjcf import Mjcf
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.simulators.mended import without_drag
+from ftbias_jax.simulators.mended import OF_THE_ROBOT, without_drag
 from ftbias_jax.simulators.replay import against, joint_states, replay
 from ftbias_jax.simulators.sensor_model import EFFECTS
 from ftbias_jax.types import Array
@@ -44,6 +43,8 @@ class Validation(NamedTuple):
     shrink: float
     """1 - (after / before)^2, of ``sigmas``: the share of the mean square gap that is gone; negative if it grew."""
     shrink_stderr: float
+    left_out: tuple[str, ...] = ()
+    """Effects that were found, but that neither the scene nor a sensor model can express."""
 
     def plain(self) -> dict[str, Any]:
         """Plain dicts, lists and numbers for JSON."""
@@ -55,7 +56,8 @@ class Validation(NamedTuple):
         for name, k in pairs:
             cells = (f"{d.rms[k]:.3g} \u00b1 {d.rms_stderr[k]:.1g}" for d in (self.before, self.after))
             lines.append(f"{name:7s}  " + "  ".join(f"{cell:18s}" for cell in cells))
-        return "\n".join([*lines, f"the gap shrinks by {self.shrink:.2f} \u00b1 {self.shrink_stderr:.2f}"])
+        without = f", without {', '.join(self.left_out)}, which the files cannot express" if self.left_out else ""
+        return "\n".join([*lines, f"the gap shrinks by {self.shrink:.2f} \u00b1 {self.shrink_stderr:.2f}{without}"])
 
 
 @in_float64
@@ -68,10 +70,13 @@ def validate(
 ) -> Validation:
     """Replay recordings in the original scene and in the corrected one, there with the sensor errors that were found.
 
+    What neither the scene nor the sensor model can express, such as contact and most terms, is not counted as corrected.
+
     The logs are not those of the diagnosis; ``progress`` is called with the name of each stage as it begins.
     """
     progress("replaying the logs")
-    of_sensor = {name: x for name, x in without_drag(mended.effects).items() if name in (*EFFECTS, TERM)}
+    of_sensor = {name: x for name, x in mended.effects.items() if name in EFFECTS}
+    left_out = tuple(name for name in without_drag(mended.effects) if name not in (*EFFECTS, *OF_THE_ROBOT))
     whole = [clean(log) for log in logs]
     times, states = [log.t for log in whole], [joint_states(setup, log) for log in whole]
     found = []
@@ -85,10 +90,10 @@ def validate(
         found.append(distance(problem, fits.base(problem).error))
     before, after = found
     if before.sigmas == 0:
-        return Validation(before, after, 0.0, 1.0)
+        return Validation(before, after, 0.0, 1.0, left_out)
     left = (after.sigmas / before.sigmas) ** 2
     of_after, of_before = (2 * x.sigmas * x.sigmas_stderr / before.sigmas**2 for x in (after, before))
-    return Validation(before, after, 1 - left, float(np.hypot(of_after, left * of_before)))
+    return Validation(before, after, 1 - left, float(np.hypot(of_after, left * of_before)), left_out)
 
 
 def distance(problem: Problem, error: Array) -> Distance:
