@@ -70,7 +70,7 @@ def validate(
 ) -> Validation:
     """Replay recordings in the original scene and in the corrected one, there with the sensor errors that were found.
 
-    What neither the scene nor the sensor model can express, such as contact and most terms, is not counted as corrected.
+    What neither the scene nor the sensor model can express, such as contact and most terms, is not counted.
 
     The logs are not those of the diagnosis; ``progress`` is called with the name of each stage as it begins.
     """
