@@ -46,6 +46,7 @@ CHECKED = (Linear, Entries, Grid, Starts)
 """Searches that need derivatives with respect to all coordinates."""
 
 WITHOUT_SLOPE = "at neutral the reading does not depend on it: mark it search=True, or give it another neutral value"
+NOT_FINITE = "the reading is NaN or infinite"
 WITHOUT_NUMBER = "it uses a traced JAX value as a plain number: use jnp.where instead of if, and jnp instead of numpy"
 FromPython = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
 """Exceptions of JAX where code needs a concrete number."""
@@ -71,21 +72,26 @@ def typed_errors(effects: Sequence[Any]) -> Iterator[None]:
     """Context in which an exception raised by faulty effects, or by a singular linear system, becomes a typed error.
 
     Raises:
-        UsageError: an exception was raised, and one of the effects has a fault.
+        UsageError: an effect is not finite, which no fit would notice; or an exception was raised, and one of the
+            effects has a fault.
         LogError: a linear system has no solution.
     """
+    remedy = "run ftbias effects check FILE.py"
+    for fault in check_effects(effects):
+        if NOT_FINITE in fault:
+            raise UsageError(fault, field="effects", remedy=remedy)
     try:
         yield
     except FtbiasError:
         raise
     except Exception as error:  # the caller's code may raise anything
         if faults := check_effects(effects):
-            raise UsageError(faults[0], field="effects", remedy="run ftbias effects check FILE.py") from error
+            raise UsageError(faults[0], field="effects", remedy=remedy) from error
         if not isinstance(error, np.linalg.LinAlgError):
             raise
         message = f"the log cannot be diagnosed, because a linear system is singular: {error}"
-        remedy = "check its values with ftbias info: a stream may be constant, or far beyond its range"
-        raise LogError(message, remedy=remedy) from error
+        values = "check its values with ftbias info: a stream may be constant, or far beyond its range"
+        raise LogError(message, remedy=values) from error
 
 
 def _faults(effect: Effect, effects: Sequence[Any]) -> list[str]:
@@ -156,13 +162,13 @@ def _of_reading(effect: Effect, signals: Signals) -> list[str]:
     for words, start in (("at neutral", {}), *off):
         change = np.abs(np.asarray(predict(neutral | start) - nominal)).max()
         if not np.isfinite(change):
-            return [f"{words} the reading is NaN or infinite; neutral values must change nothing"]
+            return [f"{words} {NOT_FINITE}; neutral values must change nothing"]
         if change > NEUTRAL:
             return [f"{words} it changes the reading by {change:.2g} N or Nm; neutral values must change nothing"]
     typical = typical_values(effect, model)
     changes = [np.abs(np.asarray(predict(typical | start) - nominal)).max() for start in ({}, *starts)]
     if not np.isfinite(changes).all():
-        return ["with typical values (neutral plus scale) the reading is NaN or infinite"]
+        return [f"with typical values (neutral plus scale) {NOT_FINITE}"]
     if max(changes) < SEEN:
         return ["typical values (neutral plus scale) change nothing at any start: give its parameters a scale"]
     derived = isinstance(effect.fit.search, CHECKED) and not why_not_fitted(effect)

@@ -17,6 +17,7 @@ from ftbias_jax.io.write.npz import save_npz, texts_of_log
 from ftbias_jax.io.write.provenance import Provenance, provenance, source_of
 from ftbias_jax.model import pose_log, trajectories
 from ftbias_jax.model.effects.catalogue import (
+    CATALOGUE,
     Catalogue,
     check_values,
     complete,
@@ -158,7 +159,7 @@ def simulate(
 
     Raises:
         SetupError: an effect of the setup is unknown or impossible. UsageError: one of ``effects`` is unknown or
-            impossible, or another argument is invalid.
+            impossible, or makes a reading that is not finite, or another argument is invalid.
     """
     setup = as_setup(setup, own)
     check_motion(duration, rate, motion)
@@ -179,6 +180,7 @@ def simulate(
     check_needs(catalogue, values, seen)
     made = simulate_with_params(log_key, params, trajectory, values, temperature, seen)
     made, trajectory, values = jax.tree.map(np.asarray, (made, trajectory, values))
+    _check_reading(made.wrench_clean, (len(made.t), 6), [name for name in values if name not in {*CATALOGUE, TERM}])
     felt = np.full(len(made.t), np.nan) if temperature is None else made.temperature
     _, q, dq, ddq = trajectory
     truth = Truth(made.t, made.bias, made.drift, made.wrench_clean, made.wrench_tool, q, dq, ddq, values)
@@ -215,6 +217,14 @@ def trajectory_of(setup: Setup, motion: str | Log, duration: float, rate: float,
         return tumbling(generate, key, t, len(setup.robot.joint_names))
     center, excursion = trajectories.working_range(setup)
     return generate(key, t, jnp.asarray(center), jnp.asarray(excursion))
+
+
+def _check_reading(wrench: Array, shape: tuple[int, int], own: Sequence[str]) -> None:
+    """Raise an error for a reading that no sensor gives, which only user-defined effects can cause."""
+    if not own or (wrench.shape == shape and np.isrealobj(wrench) and np.isfinite(wrench).all()):
+        return
+    message = f"with {', '.join(own)} the reading is not an array {shape} of finite real numbers"
+    raise UsageError(message, field="own", remedy="correct the code: ftbias effects check FILE.py")
 
 
 def check_motion(duration: float, rate: float, motion: str | Log) -> None:

@@ -25,7 +25,7 @@ from ftbias_jax.io.cleaning import slices
 from ftbias_jax.io.log import Log, Repair
 from ftbias_jax.io.parts import OpenLog
 from ftbias_jax.io.write.provenance import provenance, source_of
-from ftbias_jax.io.write.selection import About
+from ftbias_jax.io.write.selection import About, names_of
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.runtime.jax_config import accelerator, in_float64, on_device
 from ftbias_jax.runtime.many import results_of
@@ -97,6 +97,7 @@ def filter_log(
         UsageError: there is no log, or no field of such a name. For a single log FtbiasError: it cannot be read or
             filtered.
     """
+    fields = names_of(fields)
     require_fields(fields)
     setup, done = as_setup(setup, effects), 0
     setup = replace(setup, bias=replace(setup.bias, adapt=False)) if as_stated else setup

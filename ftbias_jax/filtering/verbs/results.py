@@ -17,7 +17,7 @@ from ftbias_jax.filtering.result import ARRAYS, Filtered, named_arrays
 from ftbias_jax.io.log import Repairs
 from ftbias_jax.io.write import save_results
 from ftbias_jax.io.write.provenance import Provenance
-from ftbias_jax.io.write.selection import About, Selection
+from ftbias_jax.io.write.selection import About, Selection, names_of
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.params import Params
 from ftbias_jax.runtime.many import Results
@@ -84,7 +84,7 @@ class FilterResult(Filtered):
             UsageError: no format has this suffix, a field does not exist, or a number is impossible. OutputError: the
                 file cannot be written, or a package is missing.
         """
-        selection = Selection(tuple(fields), precision, every, rate)
+        selection = Selection(names_of(fields), precision, every, rate)
         contacts = [contact.plain() for contact in self.contacts]
         save_results(path, named_arrays(self), About(self.frame, self.provenance, contacts, selection))
 
@@ -93,7 +93,12 @@ class FilterResult(Filtered):
 
         Args:
             seconds: 0 or more.
+
+        Raises:
+            UsageError: the number is negative, or the result has not all the arrays that this needs.
         """
+        if not 0 <= seconds < float("inf"):
+            raise UsageError(f"{seconds} s", field="seconds", remedy="give 0 or more")
         _require(self, "forecast", ("bias", "drift", "bias_std", "drift_std", "innovation_std"))
         return forecast(self, seconds)
 

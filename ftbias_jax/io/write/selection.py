@@ -38,6 +38,11 @@ class Selection(NamedTuple):
 ALL = Selection()
 
 
+def names_of(fields: str | Sequence[str]) -> tuple[str, ...]:
+    """Fields as a sequence; a single name is one field, not its letters."""
+    return (fields,) if isinstance(fields, str) else tuple(fields)
+
+
 def check_selection(selection: Selection, *, smooth: bool | None = None, adapt: bool | None = None) -> None:
     """Refuse an invalid selection, before minutes are spent on computing.
 
