@@ -104,12 +104,14 @@ def test_a_result_is_printed_and_saved_as_the_command_does(result, tmp_path):
     assert {"t", "bias", "wrench_unbiased", "nis", "log_likelihood", "bias_smooth_std"} <= set(saved.files)
     assert not {"start", "params", "summary"} & set(saved.files)
     assert (saved["t"].dtype, saved["bias"].dtype) == (np.float64, np.float32)
-    result.save(tmp_path / "few.npz", fields=["bias"], precision="double", every=4)
+    result.save(tmp_path / "few.npz", fields="bias", precision="double", every=4)
     few = np.load(tmp_path / "few.npz")
     assert {*few.files} == {"t", "bias", "about", "provenance"}
     np.testing.assert_array_equal(few["bias"], result.bias[::4])
     with pytest.raises(ft.UsageError, match=r"fields: there is no field 'wrench'"):
         result.save(tmp_path / "few.npz", fields=["wrench"])
+    with pytest.raises(ft.UsageError, match="seconds: -1 s"):
+        result.forecast(-1)
     result.save(tmp_path / "out.csv")
     assert (tmp_path / "out.csv").read_text().startswith("t,bias_fx,")
     with pytest.raises(ft.UsageError, match=r"end the name in .npz"):

@@ -128,3 +128,9 @@ def test_a_diagnosis_that_fails_by_an_own_effect_names_it(setup, record):
         ft.diagnose(setup, record(None), effects=[broken], unchecked=True)
     with pytest.raises(ZeroDivisionError), typed_errors(()):
         1 / 0  # noqa: B018
+
+
+def test_an_own_effect_that_is_never_finite_is_told_by_a_diagnosis_because_no_fit_would_notice():
+    nowhere = entry(lambda v, s, w: w + v["size"] * jnp.nan)
+    with pytest.raises(ft.UsageError, match=r"effects: effect 'own': .*the reading is NaN"), typed_errors([nowhere]):
+        pass

@@ -176,6 +176,17 @@ def test_a_simulated_hose_pulls_against_the_velocity_of_the_sensor(file):
     np.testing.assert_allclose(changed[:, 3:], 0, atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    "reading",
+    [lambda v, s, w: w * np.nan, lambda v, s, w: v["coefficient"], lambda v, s, w: w + 1j],
+    ids=["NaN", "a number", "complex"],
+)
+def test_a_reading_that_no_sensor_gives_is_not_simulated(file, reading):
+    (effect,) = load_effects(file)
+    with pytest.raises(UsageError, match=r"own: with hose_drag the reading is not an array \(50, 6\)"):
+        simulate(parse_setup(PANDA), {"hose_drag": {}}, own=[effect._replace(reading=reading)], duration=1, rate=50)
+
+
 def spinning(values, signals, wrench):
     return wrench + values["per_ampere"] * signals.columns["current"][:, None]
 
