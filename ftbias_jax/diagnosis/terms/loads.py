@@ -15,7 +15,7 @@ from ftbias_jax.diagnosis.search import enough, gap_of
 from ftbias_jax.diagnosis.terms.dictionary import make_dictionary, rank
 from ftbias_jax.diagnosis.terms.fit_terms import Solved, fit_terms, improve
 from ftbias_jax.diagnosis.terms.grid import of_switches
-from ftbias_jax.diagnosis.terms.select import state_of_problem
+from ftbias_jax.diagnosis.terms.select import is_lifted, state_of_problem
 from ftbias_jax.diagnosis.tool_first import with_tool
 from ftbias_jax.model.effects.terms.columns import added
 from ftbias_jax.model.effects.terms.types import State, Term
@@ -39,6 +39,8 @@ def all_carried(problem: Problem, base: Fit) -> Problem | None:
         if not _may_be_all(problem, base, improve(problem, state, beside, (ranked.term,), steps=0)):
             return None
         load, error = _timed(problem, state, improve(problem, state, beside, (ranked.term,)))
+        if is_lifted(load):
+            return None
         freed = without_touches(problem, load, error)
         start = fits.base(freed)
         least = enough(freed, start)

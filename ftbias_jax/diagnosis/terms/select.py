@@ -71,7 +71,8 @@ class Search:
             return _merit(one.log_likelihood - start.log_likelihood, one.terms[0]), one
 
         timed = (self._timed(one.term, prepared_fit) if times_of(one.term) == 1 else one.term for one in few)
-        found = sorted((improved(term, ROUGH_STEPS) for term in timed), key=_order)
+        every = (improved(term, ROUGH_STEPS) for term in timed)
+        found = sorted((one for one in every if not is_lifted(one[1].terms[0])), key=_order)
         for form in STARTS:  # the fit from the best of several starts is continued
             best = next((i for i, (_, one) in enumerate(found) if one.terms[0].form == form), None)
             if best is not None and found[best][0] > thresholds.TERM_GOES_ON * found[0][0]:
@@ -125,7 +126,7 @@ class Search:
             least = max(least, nats_of_joints(problem))
         if difference < thresholds.STEADY * stderr or _merit(gain, term) < least:
             return None
-        if any(cancels(term, self.state) for term in described.terms):
+        if any(cancels(term, self.state) or is_lifted(term) for term in described.terms):
             return None
         reference = self.hold_out(now, now.error).error
         held = self.hold_out(described.fit, reference)
@@ -193,6 +194,16 @@ def numbers_of(term: Term) -> int:
 
 def _merit(gain: float, term: Term) -> float:
     return merit_of(gain, numbers_of(term))
+
+
+def is_lifted(term: Term) -> bool:
+    """Whether a load that is carried for some time would weigh less than nothing: something pushes the tool up then.
+
+    What stays until the end may: a part that the setup's tool includes is put down.
+    """
+    times = np.ravel(term.parameters["time"]) if term.form == "payload" else np.zeros(0)
+    ends = len(times) > 0 and len(times) % 2 == 0
+    return bool(ends and times[0] > 0 and np.sum(term.coefficients) < 0)
 
 
 def cancels(term: Term, state: State) -> bool:

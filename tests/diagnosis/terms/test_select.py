@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ftbias_jax.diagnosis.terms.fit_terms import Solved
 from ftbias_jax.diagnosis.terms.grid import make_term
-from ftbias_jax.diagnosis.terms.select import _merit, _order, cancels, is_gain_too
+from ftbias_jax.diagnosis.terms.select import _merit, _order, cancels, is_gain_too, is_lifted
 from ftbias_jax.model.effects.terms.columns import count_columns
 
 
@@ -77,3 +77,16 @@ def test_times_are_numbers_so_what_turns_back_as_often_explains_as_much_by_less(
         for gain, one in ((527_538.0, switched), (526_000.0, rubbing))
     ]
     assert min(found, key=_order)[1].terms == (rubbing,)
+
+
+@pytest.mark.parametrize(
+    ("times", "mass", "lifted"),
+    [([3.0, 5.0], -0.7, True), ([3.0, 5.0], 0.7, False), ([3.0, 5.0, 9.0], -0.7, False), ([0.0, 5.0], -0.7, False)],
+    ids=["pushed up", "carried", "put down in the end", "put down at first"],
+)
+def test_a_load_of_less_than_nothing_is_a_push(times, mass, lifted):
+    numbers = {"time": np.array(times), "takes": np.array(0.1)}
+    term = replace(make_term("acceleration", "payload", "base", "force", 0, numbers), coefficients=np.array([mass]))
+    assert is_lifted(term) is lifted
+    step = make_term("time", "step", "base", "force", 0, {"time": np.array(times)})
+    assert not is_lifted(replace(step, coefficients=np.array([0.0, 0.0, mass])))
