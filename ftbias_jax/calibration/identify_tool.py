@@ -256,6 +256,10 @@ def _comments(setup: Setup, found: Identified, mounting: bool, gravity: bool, bi
 
 MUCH = 5.0
 """Innovations this many times larger than the stated noise are not noise."""
+NOT_ALL = (
+    "do not trust this tool before ftbias diagnose has said what else acts: a part that is carried (identify "
+    "--payloads), a base that is not level (--gravity), a turned sensor (--mounting), a hose, contact, a delay, a unit"
+)
 WHY_IT_JUMPS = "a tare (state sensor.rezeroed_at), a touch, or a load that changed; the bias is free to jump there"
 
 
@@ -263,10 +267,7 @@ def motion_lines(found: Identified, steps: Sequence[Step]) -> list[str]:
     """Lines about the fit to a log of motion, and about the steps of its reading."""
     lines = [f"likelihood gained: {found.gain:.1f} nats; condition number of the excitation: {found.condition:.0f}"]
     if found.excess > MUCH:
-        lines.append(
-            f"what remains is {found.excess:.0f} times the noise stated: look for contact, a wrong unit or a delay "
-            "(ftbias diagnose)"
-        )
+        lines.append(f"what remains is {found.excess:.0f} times the noise stated: {NOT_ALL}")
     return lines + [f"the reading jumps on {step}: {WHY_IT_JUMPS}" for step in steps]
 
 

@@ -116,11 +116,8 @@ def remarks_of_noise(noise: LogNoise) -> Repairs:
     repairs = [Repair(BEGUN_AGAIN)] if noise.begun_again else []
     if noise.tool_error:
         what = force_of_tool(noise.tool_error, "the setup's")
-        repairs.append(
-            Repair(
-                f"{what}: another tool, a gain, or long contact? Run ftbias identify or diagnose; the error bars include it"
-            )
-        )
+        why = "another tool, a gain, or long contact?"
+        repairs.append(Repair(f"{what}: {why} Run ftbias identify or diagnose; the error bars include it"))
     if noise.hidden.any():
         return (*repairs, Repair(f"{TOUCHED}, by {by_axis(noise.hidden)} N, Nm: {TARE}", lost=True))
     if not noise.kept_out:

@@ -24,6 +24,8 @@ PIECES, LEAST_SAMPLES = 20, 200
 from which a clock's rate is estimated."""
 MOST_RATE = 2e4
 """ppm; no clock is off by more, so one stream was then recorded for longer."""
+QUARTZ = 500.0
+"""ppm; clocks of computers differ by less, a sensor that counts its own samples may be off by more."""
 TOGETHER = 5.0
 """Sampling intervals within which streams begin if they were recorded together."""
 EXACT = 2**53
@@ -148,9 +150,11 @@ def longer_in_words(joints: Array, wrench: Array) -> str:
     rate, stderr = (1e6 * x / (joints[-1] - joints[0]) for x in (ends - begins, interval))
     if abs(begins) > TOGETHER * interval or abs(rate) < TOGETHER * stderr or abs(rate) > MOST_RATE:
         return ""
+    side = "after" if ends > 0 else "before"
+    stopped = "it was stopped then, or, " if abs(rate) > QUARTZ else ""
     return (
-        f"ends {abs(ends):.3g} s {'after' if ends > 0 else 'before'} the joints, with which it begins: if both were "
-        f"recorded for as long, state wrench_rate = {rate:.0f} ± {stderr:.0f} (ppm) in [log.clocks]"
+        f"ends {abs(ends):.3g} s {side} the joints, with which it begins: {stopped}if both were recorded for as long, "
+        f"state wrench_rate = {rate:.0f} ± {stderr:.0f} (ppm) in [log.clocks]"
     )
 
 
