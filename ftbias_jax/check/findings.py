@@ -42,7 +42,8 @@ def worse_than_raw(base: Evidence) -> bool:
 def as_stated(base: Evidence) -> Mistake:
     """Return the mistake that the stated tool is worse than none, whether another tool explains the reading or not."""
     remedy = (
-        "check tool, signs, units and frames of the setup: the mistake is none of those that this check can identify"
+        "check tool, signs, units and frames of the setup: the mistake is none of those that this check can identify, "
+        "unless a hose or a balancer pulls harder than the tool weighs"
     )
     mended_by: tuple[str, ...] = ("identify",)
     if base.free is not None and (base.free.square < BAD * base.raw).all():
