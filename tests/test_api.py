@@ -120,6 +120,9 @@ def test_a_result_is_printed_and_saved_as_the_command_does(result, tmp_path):
 
 def test_the_tool_is_identified_and_written_with_its_errors(setup, made, tmp_path):
     found = ft.identify_tool(setup, made.log)
+    assert "\nbias at the end: " in str(found)
+    warm = replace(found, setup=replace(setup, effects={"warmup": {}}))
+    assert "\nbias at the end, without the setup's warmup: " in str(warm)
     assert abs(found.setup.tool.mass - HEAVIER) < 4 * found.tool.stderr[0]
     assert found.converged
     assert "mass " in str(found)

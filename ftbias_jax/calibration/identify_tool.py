@@ -23,6 +23,7 @@ from ftbias_jax.io import GivenMotion, as_motion
 from ftbias_jax.io.cleaning import without_long_pauses
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.tables.poses import Poses
+from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.runtime.jax_config import in_float64
 from ftbias_jax.runtime.progress import silent
 from ftbias_jax.setup import GivenSetup, as_setup
@@ -93,7 +94,9 @@ class IdentifyResult:
             lines.append(f"the sensor {what} {with_errors(found.lever, found.lever_stderr)} m, {axes}")
         if self.channels is not None:
             lines += channels_in_words(self.channels)
-        lines.append(f"bias at the end: {with_errors(found.bias[:3], found.bias_stderr[:3])} N")
+        beside = [name for name in self.setup.effects if name in CATALOGUE and CATALOGUE[name].stage == "bias"]
+        without = f", without the setup's {' and '.join(beside)}" if beside else ""
+        lines.append(f"bias at the end{without}: {with_errors(found.bias[:3], found.bias_stderr[:3])} N")
         lines.append(f"                 {with_errors(found.bias[3:], found.bias_stderr[3:])} Nm")
         lines += motion_lines(found, self.steps) if self.poses is None else pose_lines(self.poses)
         if found.unexcited:
