@@ -21,37 +21,14 @@ CHANCE, LEAST = 4.0, 0.02
 calibrated to a per cent or two."""
 OUTLYING, NORMAL_MEDIAN = 5.0, 0.6745
 """Standard deviations of the changes beyond which something else changed; median size of standard normal numbers."""
-FORCE, TORQUE = slice(0, 3), slice(3, 6)
 TINY = 1e-12
 
 
-def error_of_tool_force(
-    blocks: Blocks, free: Bool[Array, " N"], layout: Layout, axes: slice = FORCE
-) -> Float[Array, ""]:
-    """Relative error of the tool's force as stated, from blocks ``free`` of contact; 0 = none that is significant.
-
-    With the other ``axes`` that of its torque.
-    """
-    lag = max(1, round(LAG / layout.seconds))
-    zero = jnp.zeros((), blocks.mean.dtype)
-    if blocks.tool is None or len(blocks.t) <= lag:
-        return zero
-    tool, bias = (x[lag:, axes] - x[:-lag, axes] for x in (blocks.tool, blocks.mean))
-    seen = (free[lag:] & free[:-lag])[:, None] & jnp.isfinite(bias)
-    # A contact that begins or ends between the two blocks changes the bias by far more than the tool does.
-    rest = jnp.abs(bias - _median_slope(tool, bias, seen) * tool)
-    scale = nan_median(jnp.where(seen, rest, jnp.nan)) / NORMAL_MEDIAN
-    seen &= ~(rest > OUTLYING * scale[None]).any(1, keepdims=True)
-    tool, bias = jnp.where(seen, tool, 0), jnp.where(seen, bias, 0)
-    power = (tool**2).sum()
-    slope = (bias * tool).sum() / jnp.maximum(power, TINY)
-    scores = ((bias - slope * tool) * tool).sum(1)
-    number = jnp.floor((blocks.t[lag:] - blocks.t[0]) / SEGMENT).astype(int)
-    at = jnp.minimum(number, len(scores) - 1)
-    of_segments, counts = (jax.ops.segment_sum(x, at, len(scores)) for x in (scores, seen.any(1).astype(scores.dtype)))
-    stderr = jnp.sqrt((of_segments**2).sum()) / jnp.maximum(power, TINY)
-    certain = (power > TINY) & ((counts > 0).sum() >= FEWEST) & (jnp.abs(slope) > jnp.maximum(CHANCE * stderr, LEAST))
-    return jnp.where(certain, -slope, zero)  # the measured bias is the prediction minus the reading
+def error_of_tool_force(blocks: Blocks, free: Bool[Array, " N"], layout: Layout) -> Float[Array, ""]:
+    """Relative error of the tool's force as stated, from blocks ``free`` of contact; 0 = none that is significant."""
+    if blocks.tool is None:
+        return jnp.zeros((), blocks.mean.dtype)
+    return _relative_error(blocks.tool[:, :3], blocks.mean[:, :3], free, blocks.t, layout)
 
 
 def with_tool_as_seen(blocks: Blocks, layout: Layout) -> Blocks:
@@ -62,8 +39,43 @@ def with_tool_as_seen(blocks: Blocks, layout: Layout) -> Blocks:
     if blocks.tool is None:
         return blocks
     every = jnp.arange(len(blocks.t)) < blocks.number
-    factors = jnp.stack([error_of_tool_force(blocks, every, layout, axes) for axes in (FORCE, TORQUE)])
+    force_and_torque = (x.reshape(-1, 2, 3).swapaxes(0, 1) for x in (blocks.tool, blocks.mean))
+    factors = jax.vmap(lambda tool, bias: _relative_error(tool, bias, every, blocks.t, layout))(*force_and_torque)
     return blocks._replace(mean=blocks.mean + jnp.repeat(factors, 3)[None] * blocks.tool)
+
+
+def _relative_error(
+    tool: Float[Array, "N 3"], bias: Float[Array, "N 3"], free: Bool[Array, " N"], t: Float[Array, " N"], layout: Layout
+) -> Float[Array, ""]:
+    """Relative error of what the tool causes on three axes; 0 = none that is significant.
+
+    Args:
+        tool: N or Nm, means of blocks, as stated.
+        bias: N or Nm, what the tool causes as stated minus the reading; NaN = not measured.
+        free: blocks that are free of contact.
+        t: s, middles of the blocks.
+        layout: of the blocks.
+    """
+    lag = max(1, round(LAG / layout.seconds))
+    zero = jnp.zeros((), bias.dtype)
+    if len(t) <= lag:
+        return zero
+    tool, bias = (x[lag:] - x[:-lag] for x in (tool, bias))
+    seen = (free[lag:] & free[:-lag])[:, None] & jnp.isfinite(bias)
+    # A contact that begins or ends between the two blocks changes the bias by far more than the tool does.
+    rest = jnp.abs(bias - _median_slope(tool, bias, seen) * tool)
+    scale = nan_median(jnp.where(seen, rest, jnp.nan)) / NORMAL_MEDIAN
+    seen &= ~(rest > OUTLYING * scale[None]).any(1, keepdims=True)
+    tool, bias = jnp.where(seen, tool, 0), jnp.where(seen, bias, 0)
+    power = (tool**2).sum()
+    slope = (bias * tool).sum() / jnp.maximum(power, TINY)
+    scores = ((bias - slope * tool) * tool).sum(1)
+    number = jnp.floor((t[lag:] - t[0]) / SEGMENT).astype(int)
+    at = jnp.minimum(number, len(scores) - 1)
+    of_segments, counts = (jax.ops.segment_sum(x, at, len(scores)) for x in (scores, seen.any(1).astype(scores.dtype)))
+    stderr = jnp.sqrt((of_segments**2).sum()) / jnp.maximum(power, TINY)
+    certain = (power > TINY) & ((counts > 0).sum() >= FEWEST) & (jnp.abs(slope) > jnp.maximum(CHANCE * stderr, LEAST))
+    return jnp.where(certain, -slope, zero)  # the measured bias is the prediction minus the reading
 
 
 def _median_slope(x: Float[Array, "N 3"], y: Float[Array, "N 3"], seen: Bool[Array, "N 3"]) -> Float[Array, ""]:
