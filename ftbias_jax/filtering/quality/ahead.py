@@ -44,15 +44,15 @@ def forecast(result: FilterResult, seconds: float) -> Forecast:
     process = np.asarray(noise.density, float) ** 2 * _square_moved(noise.drift_time, seconds)
     white = (result.innovation_std if result.reading_std is None else result.reading_std) ** 2
     if result.slow_error is None or noise.correlated_std is None or noise.correlated_time is None:
-        return Forecast(mean, np.sqrt(_sum_of_squares(result.bias_std, moved) + process + white))
+        return Forecast(mean, np.sqrt(_variance_of_sum(result.bias_std, moved) + process + white))
     kept = np.exp(-seconds / np.asarray(noise.correlated_time, float))
     slow = np.broadcast_to(np.asarray(noise.correlated_std, float) ** 2, result.bias.shape)
     known = np.where(slow > 0, kept**SOONER, 0.0)  # without slow errors the whole uncertainty of the bias stays
-    variance = _sum_of_squares((1 - known) * result.bias_std, moved) + process + white - known**2 * slow
+    variance = _variance_of_sum((1 - known) * result.bias_std, moved) + process + white - known**2 * slow
     return Forecast(mean, np.sqrt(variance))
 
 
-def _sum_of_squares(of_bias: Array, of_drift: Array) -> Array:
+def _variance_of_sum(of_bias: Array, of_drift: Array) -> Array:
     """Variance of the sum of the errors that bias and drift cause later."""
     return of_bias**2 + 2 * CORRELATION * of_bias * of_drift + of_drift**2
 
