@@ -4,6 +4,9 @@ The command line prints ``str(error)`` as one line and exits with ``error.exit_c
 ``FtbiasError`` is a bug and keeps its traceback.
 """
 
+import os
+from typing import Any, SupportsIndex, cast
+
 LONGEST = 2000
 """Maximum number of characters of a printed line: a list of many columns fits, a name of a megabyte does not."""
 LONGEST_NAME = 200
@@ -21,6 +24,21 @@ def cut(text: str, longest: int = LONGEST_NAME) -> str:
         return text
     half = longest // 2
     return f"{text[:half]}[... {len(text) - 2 * half} characters ...]{text[-half:]}"
+
+
+def is_number(value: object, least: float, most: float) -> bool:
+    """Whether an argument is one real number from ``least`` to ``most``; text that looks like one is none."""
+    if isinstance(value, str | bytes | bool):
+        return False
+    try:
+        return least <= float(cast(Any, value)) <= most
+    except (TypeError, ValueError):
+        return False
+
+
+def is_integer(value: object) -> bool:
+    """Whether an argument is an integer of Python or NumPy."""
+    return isinstance(value, SupportsIndex) and not isinstance(value, bool)
 
 
 class FtbiasError(Exception):
@@ -58,3 +76,14 @@ class UsageError(FtbiasError):
     """The command line asks for something that does not exist."""
 
     exit_code = 2
+
+
+def path_of(path: object, field: str) -> str:
+    """The path in an argument, as text.
+
+    Raises:
+        UsageError: naming ``field``; it is no path.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise UsageError(f"got {type(path).__name__}", field=field, remedy="give the path of a file")
+    return str(os.fspath(path))

@@ -6,8 +6,8 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
-from ftbias_jax.errors import LogError, UsageError
-from ftbias_jax.io.check import EXTRA_PREFIX
+from ftbias_jax.errors import LogError, UsageError, path_of
+from ftbias_jax.io.check import EXTRA_PREFIX, floats_of, relative_seconds
 from ftbias_jax.io.cleaning import STREAMS, clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.remote import from_anywhere, opened, without_credentials
@@ -23,6 +23,8 @@ GivenLog = Log | str | os.PathLike[str]
 """A log of motion, or its path."""
 GivenMotion = Log | Poses | str | os.PathLike[str]
 """A log of motion, static poses, or the path of either."""
+NO_LOG = "give logs of motion, as ft.read_log reads them, or their paths; of static poses see ft.identify_tool"
+"""Remedy where something else is given."""
 _OF_TIME = ("t", "time", "t_joints")
 """``LogError.field`` of a log whose stamps are missing or implausible: the file may hold static poses."""
 
@@ -57,21 +59,24 @@ def each_of(logs: GivenMotion | Iterable[GivenMotion], executor: Executor | None
         raise UsageError(f"got {type(logs).__name__}", field="logs", remedy=remedy)
     if isinstance(logs, Log | Poses | str | os.PathLike):
         logs = [logs]
+    if not isinstance(logs, Iterable):
+        raise UsageError(f"got {type(logs).__name__}", field="logs", remedy=NO_LOG)
     return map(from_anywhere, logs) if executor else logs
 
 
 def as_log(log: object, setup: Setup, *, raw: bool = False) -> Log:
-    """Return a log of motion unchanged, or read it as ``read_log`` does if a path is given.
+    """Return a log of motion, or read it as ``read_log`` does if a path is given.
 
     Raises:
-        UsageError: the argument is neither. LogError: see ``read_log``.
+        UsageError: the argument is neither. LogError: see ``read_log``; or the arrays of a log in memory, such as one
+            changed by ``_replace``, do not have one row per stamp.
     """
     if isinstance(log, str | os.PathLike):
         return read_log(log, setup, raw=raw)
     if not isinstance(log, Log):
-        remedy = "give logs of motion, as ft.read_log reads them, or their paths; of static poses see ft.identify_tool"
-        raise UsageError(f"got {type(log).__name__}", field="logs", remedy=remedy)
-    return log
+        raise UsageError(f"got {type(log).__name__}", field="logs", remedy=NO_LOG)
+    relative_seconds(log.t, file=log.file)
+    return log._replace(**floats_of(log, setup, file=log.file))
 
 
 def as_logs(logs: GivenLog | Iterable[GivenLog], setup: Setup, *, raw: bool = False) -> list[Log]:
@@ -123,7 +128,7 @@ def or_poses(read: Callable[..., Log], path: str | os.PathLike[str], setup: Setu
 
 def read_recorded(path: str | os.PathLike[str], setup: Setup, *, salvage: bool = False) -> Log:
     """Read a log as ``read_log`` does, but without the cleaning of sensor faults."""
-    file = os.fspath(path)
+    file = path_of(path, "path")
     if setup.log.files:
         return read_files(path, setup, salvage=salvage)._replace(file=file)
     with opened(path) as there:

@@ -82,9 +82,7 @@ def check_log(
 
 def check_samples(log: Log, setup: Setup, *, file: str = "", first: int = 0) -> Log:
     """Check recorded samples, or a part from sample ``first`` on; return float64 in SI units with the report's sign."""
-    length, n = len(log.t), len(setup.robot.joint_names)
-    shapes = {"q": (length, n), "dq": (length, n), "wrench": (length, 6), "temperature": (length,)}
-    floats = {name: _floats(getattr(log, name), shape, name, file, first) for name, shape in shapes.items()}
+    floats = {name: values.copy() for name, values in floats_of(log, setup, file=file, first=first).items()}
     if setup.log.angle_unit == "deg" and setup.pose is None:
         turns = np.abs(setup.robot.screws[:, 3:]).sum(1) > 0  # prismatic joints stay in m
         floats |= {name: floats[name] * np.where(turns, np.pi / 180, 1.0) for name in ("q", "dq")}
@@ -93,6 +91,14 @@ def check_samples(log: Log, setup: Setup, *, file: str = "", first: int = 0) -> 
         floats["wrench"] = floats["wrench"] * (-scale if setup.sensor.reports == "wrench_on_sensor" else scale)
     rezeroed_at = tuple(float(at - log.start) for at in setup.sensor.rezeroed_at)
     return log._replace(**floats, rezeroed_at=rezeroed_at)
+
+
+def floats_of(log: Log, setup: Setup, *, file: str = "", first: int = 0) -> dict[str, Array]:
+    """The measured arrays of a log as float64, name -> array, checked to have one row per stamp and plausible numbers;
+    messages count samples from ``first``."""
+    length, n = len(log.t), len(setup.robot.joint_names)
+    shapes = {"q": (length, n), "dq": (length, n), "wrench": (length, 6), "temperature": (length,)}
+    return {name: _floats(getattr(log, name), shape, name, file, first) for name, shape in shapes.items()}
 
 
 def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "") -> None:
@@ -144,7 +150,7 @@ def _floats(values: Array, shape: tuple[int, ...], field: str, file: str, first:
         words = "(samples, joints)" if field in ("q", "dq") else "samples first"
         message = f"has shape {values.shape}, expected {shape}"
         raise LogError(message, file=file, field=field, remedy=f"{words}; the setup has the number of joints")
-    values = values.astype(np.float64)
+    values = values.astype(np.float64, copy=False)
     with np.errstate(invalid="ignore"):  # a damaged file may have signalling NaNs
         beyond = np.argwhere(np.abs(values) > LARGEST)
     if beyond.size:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ftbias_jax.errors import FtbiasError, SetupError, UsageError
+from ftbias_jax.errors import FtbiasError, SetupError, UsageError, is_integer, path_of
 from ftbias_jax.model.effects import fitting
 from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue
 from ftbias_jax.model.effects.terms.parse import TERM, MakeError
@@ -65,7 +65,7 @@ def load_effects(source: str | os.PathLike[str]) -> tuple[Effect, ...]:
     Raises:
         UsageError: the source does not exist, its code fails, or it defines no effect.
     """
-    name = os.fspath(source)
+    name = path_of(source, "effects")
     offered = {entry.name: entry for entry in installed()}
     if name in offered and not Path(name).exists():
         found = _entries_of(_run(name, offered[name].load))
@@ -137,6 +137,9 @@ def _faults(effect: Effect, known: set[str]) -> Iterator[str]:
         yield f"needs_motion {effect.needs_motion!r} is neither joints nor acceleration"
     if not any((effect.transform, effect.reading, effect.recording)):
         yield "give it at least one of reading, transform and recording"
+    for what in ("parameters", "needs", "twins"):
+        if not isinstance(getattr(effect, what), tuple | list):
+            yield f"{what} must be a tuple, not {getattr(effect, what)!r}"
     if effect.recording and (effect.transform or effect.reading):
         yield "recording cannot be combined with reading or transform; define two effects"
     if any(effect.filter_noise == other.filter_noise != "" for other in CATALOGUE.values()):
@@ -184,9 +187,13 @@ def _faults_of_fit(effect: Effect) -> Iterator[str]:
             yield "an effect with search=ByJoint(...) needs a transform function"
 
 
-def _faults_of_parameter(parameter: Parameter) -> Iterator[str]:
+def _faults_of_parameter(parameter: Any) -> Iterator[str]:
     if not _is_key(parameter.name):
         yield "a name has letters, digits and underscores"
+    if not isinstance(parameter.shape, tuple) or not all(is_integer(size) for size in parameter.shape):
+        yield f"shape must be a tuple of integers, such as (3,), not {parameter.shape!r}"
+    if not isinstance(parameter.starts, tuple | list):
+        yield f"starts must be a tuple, such as (1.0,), not {parameter.starts!r}"
     shape = tuple(max(size, 1) for size in parameter.shape)
     numbers = {}
     for word in ("lower", "upper", "scale", "neutral"):

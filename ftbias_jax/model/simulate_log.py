@@ -1,6 +1,7 @@
 """The verb ``simulate``: a log as the robot of a setup would record it, and its ground truth."""
 
 import os
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -10,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ftbias_jax.errors import UsageError
+from ftbias_jax.errors import UsageError, is_integer, is_number
 from ftbias_jax.io.atomic import write_json
 from ftbias_jax.io.log import Column, Log
 from ftbias_jax.io.write.npz import save_npz, texts_of_log
@@ -163,6 +164,8 @@ def simulate(
     """
     setup = as_setup(setup, own)
     check_motion(duration, rate, motion)
+    if not is_integer(seed):
+        raise UsageError(f"must be an integer, not {seed!r}", field="seed")
     params = params_from_setup(setup)
     # Unrecorded accelerations are noise for the filter, but a simulated sensor rotates in place.
     params = params._replace(bias=params.bias._replace(wrench_variance=jnp.asarray(setup.sensor.noise_std) ** 2))
@@ -232,7 +235,7 @@ def check_motion(duration: float, rate: float, motion: str | Log) -> None:
     if not isinstance(motion, Log) and motion not in ("sines", "moves"):
         raise UsageError(f"got {motion!r}", field="motion", remedy="give 'sines', 'moves', or a log that read_log read")
     for name, value in {"duration": duration, "rate": rate}.items():
-        if not 0 < value < float("inf"):
+        if not is_number(value, sys.float_info.min, sys.float_info.max):
             raise UsageError(f"must be a positive number, not {value!r}", field=name)
     if duration * rate > MOST_SAMPLES:
         remedy = f"ask for at most {MOST_SAMPLES} samples: seconds times rate"
@@ -277,5 +280,8 @@ def plain(effects: Values) -> Values:
 
 def check_effects(effects: Mapping[str, Mapping[str, Any]], catalogue: Catalogue, file: str = "effects") -> Values:
     """Checked values of the effects that state any; unknown names, wrong shapes and exceeded bounds are refused."""
+    if not hasattr(effects, "items"):
+        remedy = "give a dict, such as {'cable': {}} for a cable with typical values"
+        raise UsageError(f"got {type(effects).__name__}", field=file, remedy=remedy)
     stated = {name: values for name, values in effects.items() if values or name not in catalogue}
     return check_values(stated, partial(UsageError, file=file), catalogue=catalogue)

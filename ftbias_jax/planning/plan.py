@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.diagnosis.problem import make_problem
-from ftbias_jax.errors import UsageError
+from ftbias_jax.errors import UsageError, is_number
 from ftbias_jax.filtering.samples import first_position
 from ftbias_jax.io import GivenLog, as_logs
 from ftbias_jax.io.log import Log
@@ -143,8 +143,8 @@ def check_arguments(setup: Setup, names: tuple[str, ...], duration: float, rate:
         ("rate", rate, *RATES),
         ("margin", margin, 0.0, 0.9),
     ):
-        if not least <= value <= most:
-            raise UsageError(f"must be from {least:g} to {most:g}, not {value:g}", field=name)
+        if not is_number(value, least, most):
+            raise UsageError(f"must be from {least:g} to {most:g}, not {value!r}", field=name)
 
 
 def first_pose(setup: Setup, logs: Sequence[Log], start: Sequence[float] | None) -> np.ndarray:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from ftbias_jax.errors import UsageError
+from ftbias_jax.errors import UsageError, path_of
 from ftbias_jax.setup.dump import dump_setup
 from ftbias_jax.setup.export import save_export
 from ftbias_jax.setup.fields import read_toml
@@ -37,7 +37,7 @@ def load_setup(
     Raises:
         SetupError: the file cannot be read, is not TOML, or states something impossible (see ``parse_setup``).
     """
-    file = os.fspath(path)
+    file = path_of(path, "setup")
     source, mapping = read_toml(file, "give the path of a setup.toml", "give a setup.toml, not a log")
     setup = replace(parse_setup(mapping, file), source=source).with_effects(effects)
     setup = replace(setup, log=replace(setup.log, allow_outside=allow_outside))

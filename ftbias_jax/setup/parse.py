@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ftbias_jax.errors import SetupError
 from ftbias_jax.setup import types
 from ftbias_jax.setup.fields import Section, check_keys, read_only, refuse, require, show, subsection, table, text
 from ftbias_jax.setup.keys.table import SECTIONS, TOP, open_section, read, read_all
@@ -34,16 +35,19 @@ PER_JOINT = ("process_noise_density", "position_noise_std", "velocity_noise_std"
 """Keys of [joints] with an entry for every joint, or for every entry of a recorded pose."""
 
 
-def parse_setup(mapping: Mapping[str, Any], file: str = "") -> types.Setup:
+def parse_setup(mapping: Any, file: str = "") -> types.Setup:
     """Return the setup that is stated by the tables of a TOML text.
 
     Args:
-        mapping: what ``tomllib.loads`` returns.
+        mapping: what ``tomllib.loads`` returns, a table by name.
         file: the name in messages.
 
     Raises:
         SetupError: a key is missing, unknown, of the wrong type or shape, or physically impossible.
     """
+    if not isinstance(mapping, Mapping):
+        remedy = "give the tables of a TOML text by name; a file is read by ft.load_setup"
+        raise SetupError(f"got {type(mapping).__name__}", file=file, field="mapping", remedy=remedy)
     top = check_keys(Section(mapping, "", file), TOP)
     pose = _pose(top)
     scene = _scene(table(top, "robot"))

@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 
-from ftbias_jax.errors import SetupError
+from ftbias_jax.errors import SetupError, path_of
 from ftbias_jax.model.effects.catalogue import CATALOGUE, values_from_setup
 from ftbias_jax.model.effects.types import Values
 from ftbias_jax.setup import GivenSetup, as_setup
@@ -62,7 +62,7 @@ def load_sensor_model(path: str | os.PathLike[str]) -> SensorModel:
     Raises:
         SetupError: the file cannot be read, is not TOML, or has impossible values.
     """
-    file = os.fspath(path)
+    file = path_of(path, "sensor model")
     _, mapping = read_toml(file, "give the path of a sensor_model.toml", "give a sensor_model.toml")
     top = check_keys(Section(mapping, "", file), ("sensor", "bias", "effects"))
     setup = parse_setup({**top.values, "sensor_pose": {}}, file)  # a sensor without an arm

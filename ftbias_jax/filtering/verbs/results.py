@@ -1,12 +1,13 @@
 """Results of filtering and smoothing one log or many logs from a setup, in memory."""
 
 import os
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ftbias_jax.check.result import Check
-from ftbias_jax.errors import UsageError
+from ftbias_jax.errors import UsageError, is_number
 from ftbias_jax.filtering.noise.log_noise import LogNoise, describe, remarks_of_noise
 from ftbias_jax.filtering.quality.ahead import Forecast, forecast
 from ftbias_jax.filtering.quality.consistency import Consistency, check
@@ -97,7 +98,7 @@ class FilterResult(Filtered):
         Raises:
             UsageError: the number is negative, or the result has not all the arrays that this needs.
         """
-        if not 0 <= seconds < float("inf"):
+        if not is_number(seconds, 0.0, sys.float_info.max):
             raise UsageError(f"{seconds} s", field="seconds", remedy="give 0 or more")
         _require(self, "forecast", ("bias", "drift", "bias_std", "drift_std", "innovation_std"))
         return forecast(self, seconds)
