@@ -9,15 +9,7 @@ from itertools import chain
 import jax
 import numpy as np
 
-from ftbias_jax.calibration import newton
-from ftbias_jax.calibration.judgement import (
-    HeldOut,
-    Predicted,
-    held_out,
-    held_out_samples,
-    judge_predictions,
-    what_the_logs_show,
-)
+from ftbias_jax.calibration import judgement, newton
 from ftbias_jax.calibration.noise.fit import Tool, tune_data
 from ftbias_jax.calibration.noise.values import JOINT_NAMES, KINDS, TIES, values_from_setup
 from ftbias_jax.calibration.tune import Fit, tune_joints, tune_wrench
@@ -149,7 +141,7 @@ def tune(
             params, fits["wrench"] = tune_wrench(tuned[0], seen[0], wanted, options, search)
         tuned = [params]
     unseen = [[_part(log, 1 - hold_out, 1) for log in logs_of_tool] for logs_of_tool in samples] if hold_out else []
-    shown, correlated = what_the_logs_show([log.noise for log in in_blocks], logs), is_correlated(in_blocks)
+    shown, correlated = judgement.what_the_logs_show([log.noise for log in in_blocks], logs), is_correlated(in_blocks)
     candidates = [(tuned, fits)]
     vibration = shown_vibration(in_blocks)
     if vibration is not None and "sensor" in fit and hold_out:
@@ -164,17 +156,17 @@ def tune(
         ]
         for tuned, found in candidates
     ]
-    scores: Sequence[tuple[HeldOut, ...]] = [()] * len(candidates)
-    predicted: list[tuple[Predicted, ...]] = [()] * len(candidates)
+    scores: Sequence[tuple[judgement.HeldOut, ...]] = [()] * len(candidates)
+    predicted: list[tuple[judgement.Predicted, ...]] = [()] * len(candidates)
     if hold_out:
-        scores = held_out_samples(stated, [tuned for tuned, _ in candidates], unseen, options, total)
+        scores = judgement.held_out_samples(stated, [tuned for tuned, _ in candidates], unseen, options, total)
     if hold_out and correlated:
         whole = look_at_each(stated[0], logs, options)
         nats = held_out_blocks(stated[0], [params for (params,), _ in candidates], whole, 1 - hold_out)
-        blocks = held_out("wrench", nats, sum(float(part.dt.sum()) for part in chain(*unseen)))
+        blocks = judgement.held_out("wrench", nats, sum(float(part.dt.sum()) for part in chain(*unseen)))
         scores = [(joint, wrench) for (joint, _), wrench in zip(scores, blocks, strict=True)]
     if hold_out and wanted and alone:
-        predicted = judge_predictions(setup, [own[0] for own in setups], logs, hold_out)
+        predicted = judgement.judge_predictions(setup, [own[0] for own in setups], logs, hold_out)
     plain, *moving = [
         TuneResult(own[0], found, judged, tuple(own[1:]), errors, reasons_against(judged, errors, shown))
         for (_, found), own, judged, errors in zip(candidates, setups, scores, predicted, strict=True)

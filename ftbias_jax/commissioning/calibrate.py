@@ -12,26 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from ftbias_jax.calibration.identify_tool import identify_tool
+from ftbias_jax.commissioning import result
 from ftbias_jax.commissioning.drafted import as_uncertain, larger, loosened, with_loose_tool
 from ftbias_jax.commissioning.events import is_bias_alone, without_events
 from ftbias_jax.commissioning.judged import baselines, compare, judge
 from ftbias_jax.commissioning.logs import longest, without_end
 from ftbias_jax.commissioning.mounting import with_mounting
 from ftbias_jax.commissioning.repeat import repeat
-from ftbias_jax.commissioning.result import (
-    CALIBRATED,
-    CAUSES,
-    CHANNELS,
-    FIRST,
-    GIVEN,
-    NOISE,
-    TERMS,
-    TOOL,
-    Calibrated,
-    Step,
-    nothing_found,
-    other_tool,
-)
 from ftbias_jax.commissioning.state import Context, State
 from ftbias_jax.diagnosis.apply import with_causes
 from ftbias_jax.diagnosis.diagnose import diagnose
@@ -68,7 +55,7 @@ def calibrate(
     hold_out: float = 0.25,
     unchecked: bool = False,
     progress: Callable[[str], None] = silent,
-) -> Calibrated:
+) -> result.Calibrated:
     """Find causes of a gap and the tool, and keep those that predict the held-out end of the logs better.
 
     A tool that the setup states without standard errors is the start of the search, and is replaced if another one
@@ -107,8 +94,8 @@ def calibrate(
         first, state, repeating = _run_steps(road, setup, start)
     if state.unmoved is not None:
         state = state._replace(setup=as_uncertain(replace(state.setup, tool=state.unmoved), state.beside))
-    rows = {GIVEN: judge(given, whole, hold_out) if mounted else first.judged}
-    rows |= ({CALIBRATED: state.judged} if mounted or state.setup is not start else {}) | baselines(state.judged)
+    rows = {result.GIVEN: judge(given, whole, hold_out) if mounted else first.judged}
+    rows |= ({result.CALIBRATED: state.judged} if mounted or state.setup is not start else {}) | baselines(state.judged)
     final = replace(state.setup, tool=setup.tool) if state.setup.tool is start.tool else state.setup
     if state.setup is not start:
         progress("repeating what was kept with all of the logs")
@@ -122,10 +109,11 @@ def calibrate(
         found = identify_tool(final, longest(logs), bias=True, translation=False, unchecked=True)
         final = replace(final, bias=found.setup.bias)
     repairs = tuple(
-        (*log.repairs, *other_tool(error, len(logs))) for log, error in zip(whole, state.judged.tool_error, strict=True)
+        (*log.repairs, *result.other_tool(error, len(logs)))
+        for log, error in zip(whole, state.judged.tool_error, strict=True)
     )
     seconds = time.monotonic() - begin
-    return Calibrated(final, (*mounted, *state.steps), rows, state.found, repairs, seconds, events)
+    return result.Calibrated(final, (*mounted, *state.steps), rows, state.found, repairs, seconds, events)
 
 
 def _run_steps(road: Context, setup: Setup, start: Setup) -> tuple[State, State, Future[Setup | None] | None]:
@@ -143,14 +131,14 @@ def _run_steps(road: Context, setup: Setup, start: Setup) -> tuple[State, State,
         judged = judge(start if setup.tool.unknown else setup, road.whole, road.hold_out)
         state = first = State(start, judged, (), ahead=ahead)
         if tool_first:
-            state = _with_tool(state, road, (FIRST,))
-    identified, rest = None, (CHANNELS,) if has_tool else ()
+            state = _with_tool(state, road, (result.FIRST,))
+    identified, rest = None, (result.CHANNELS,) if has_tool else ()
     for i in range(ROUNDS):
         before = state.setup
         repeated = road.worker.submit(road.again, state) if i else None  # most logs show nothing more
         state = _with_causes(state, road)
         if state.setup is not identified:
-            state = _with_tool(state, road, (TOOL,) if has_tool else ())
+            state = _with_tool(state, road, (result.TOOL,) if has_tool else ())
             identified = state.setup
             state = _with_noise(state, road)
         if state.setup is before:  # last, because this many numbers absorb whatever is left
@@ -166,21 +154,21 @@ def _with_causes(state: State, road: Context) -> State:
     try:
         found = diagnose(state.setup, road.begun, road.names, unchecked=True)
     except FtbiasError as error:
-        return _refused(state, CAUSES, "diagnose", str(error))
+        return _refused(state, result.CAUSES, "diagnose", str(error))
     state = state._replace(found=found)
     if not found.causes and not found.terms:
-        return _refused(state, CAUSES, "diagnose", found.sentence)
+        return _refused(state, result.CAUSES, "diagnose", found.sentence)
     for kind, parts, named, terms in (
-        (CAUSES, [cause.effect for cause in found.causes], [cause.title for cause in found.causes], ()),
-        (TERMS, [term.drive for term in found.terms], [term.text for term in found.terms], found.terms),
+        (result.CAUSES, [cause.effect for cause in found.causes], [cause.title for cause in found.causes], ()),
+        (result.TERMS, [term.drive for term in found.terms], [term.text for term in found.terms], found.terms),
     ):
         if parts:
-            step = Step(kind, f"{kind[:-1]}: {', '.join(named)}", True, "", tuple(parts))
+            step = result.Step(kind, f"{kind[:-1]}: {', '.join(named)}", True, "", tuple(parts))
             setup = with_causes(state.setup, found.causes, terms, found.model_stderr)
             ahead = road.tool_ahead(setup)
             for prepare in programs_of_search(setup, road.begun):  # for the diagnosis that follows
                 road.worker.submit(same_precision(prepare))
-            state = _tried(state, road, step, setup, kind == TERMS and is_bias_alone(found, state.steps))
+            state = _tried(state, road, step, setup, kind == result.TERMS and is_bias_alone(found, state.steps))
             if state.steps[-1].kept:
                 state = state._replace(beside=larger(state.beside, found.tool_stderr), ahead=ahead)
     return state
@@ -189,7 +177,7 @@ def _with_causes(state: State, road: Context) -> State:
 def _with_tool(state: State, road: Context, kinds: Sequence[str]) -> State:
     """Try the tool that the longest log shows, or that and gains and crosstalk; keep them if they predict better."""
     for kind in kinds:
-        crosstalk = kind == CHANNELS
+        crosstalk = kind == result.CHANNELS
         road.progress(f"identifying {kind}")
         try:
             if state.ahead is not None and state.ahead[0] is state.setup and not crosstalk:
@@ -198,7 +186,7 @@ def _with_tool(state: State, road: Context, kinds: Sequence[str]) -> State:
                 found = road.identify(state.setup, crosstalk=crosstalk)
         except FtbiasError as error:
             return _refused(state, kind, kind, str(error))
-        if why := nothing_found(found, crosstalk):
+        if why := result.nothing_found(found, crosstalk):
             state = _refused(state, kind, kind, why)
             continue
         # A drafted tool is only a guess: the identified one replaces it unless it predicts worse.
@@ -206,10 +194,10 @@ def _with_tool(state: State, road: Context, kinds: Sequence[str]) -> State:
         setup = as_uncertain(found.setup, state.beside)
         mass, stderr = found.tool.values[0], setup.tool.mass_std if np.isfinite(found.tool.stderr[0]) else None
         words = f"{kind}: {value_words(mass, stderr)} kg" if stderr else kind
-        step = Step(kind, words, True, "", ("crosstalk" if crosstalk else "tool",))
-        tried = loosened(setup, state.setup) if kind == FIRST else setup
+        step = result.Step(kind, words, True, "", ("crosstalk" if crosstalk else "tool",))
+        tried = loosened(setup, state.setup) if kind == result.FIRST else setup
         state = _tried(state, road, step, tried, first)
-        if kind == FIRST and state.setup is tried:
+        if kind == result.FIRST and state.setup is tried:
             state = state._replace(identified=found.setup.tool)
     return state
 
@@ -227,7 +215,7 @@ def _with_noise(state: State, road: Context) -> State:
     for factor in (1 / QUIETER, QUIETER):
         best, pose = state, state.setup.pose
         while (std := float(f"{factor * pose.acceleration_std:.2g}")) < LOUDEST:
-            step = Step(NOISE, f"unseen accelerations of {std:g} m/s^2", True, "", ("noise",))
+            step = result.Step(result.NOISE, f"unseen accelerations of {std:g} m/s^2", True, "", ("noise",))
             pose = replace(pose, acceleration_std=std)
             tried = _tried(state, road, step, replace(state.setup, pose=pose))
             if tried.setup.pose is not pose or compare(tried.judged, best.judged).share > -NEGLIGIBLE:
@@ -238,7 +226,7 @@ def _with_noise(state: State, road: Context) -> State:
     return tried
 
 
-def _tried(state: State, road: Context, step: Step, setup: Setup, unless_worse: bool = False) -> State:
+def _tried(state: State, road: Context, step: result.Step, setup: Setup, unless_worse: bool = False) -> State:
     """Evaluate a setup: the state with it if it is kept, and in any case with the outcome of its step."""
     try:
         judged = judge(setup, road.whole, road.hold_out)
@@ -251,4 +239,4 @@ def _tried(state: State, road: Context, step: Step, setup: Setup, unless_worse: 
 
 
 def _refused(state: State, kind: str, name: str, why: str) -> State:
-    return state._replace(steps=(*state.steps, Step(kind, name, False, why)))
+    return state._replace(steps=(*state.steps, result.Step(kind, name, False, why)))

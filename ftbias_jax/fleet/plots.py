@@ -5,19 +5,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from ftbias_jax.diagnosis.report.svg import (
-    WIDTH,
-    Axes,
-    curve,
-    data_range,
-    dots,
-    drawing,
-    error_bars,
-    frame,
-    label,
-    line,
-    thin,
-)
+from ftbias_jax.diagnosis.report import svg
 from ftbias_jax.diagnosis.report.tables import day
 from ftbias_jax.fleet.alarms import MOST_BINS, Trend
 from ftbias_jax.types import Array
@@ -49,34 +37,36 @@ def plot_history(
     t, y = t[seen], y[seen]
     few = len(t) <= WITH_BARS
     bars = error[seen] if few and error is not None else np.zeros(len(t))
-    axes = Axes(_span(t), data_range(y - bars, y + bars), top=24)
-    parts = [frame(axes, title, _dates(axes))]
+    axes = svg.Axes(_span(t), svg.data_range(y - bars, y + bars), top=24)
+    parts = [svg.frame(axes, title, _dates(axes))]
     if few:
-        parts.append(error_bars(axes, t, y, bars, "mean-after"))
+        parts.append(svg.error_bars(axes, t, y, bars, "mean-after"))
     else:
-        parts.append(dots(axes, *thin(t, y, MOST_DOTS // 2), "dots-after"))
+        parts.append(svg.dots(axes, *svg.thin(t, y, MOST_DOTS // 2), "dots-after"))
         groups = np.array_split(np.arange(len(t)), MOST_BINS)
         middles, medians = (np.array([np.median(values[group]) for group in groups]) for values in (t, y))
-        parts.append(curve(axes, middles, medians, "line-after thick"))
+        parts.append(svg.curve(axes, middles, medians, "line-after thick"))
     if line_of is not None:
         ends = np.array([line_of.first, line_of.end])
-        parts.append(curve(axes, ends, line_of.start + np.array([0.0, line_of.change]), "trend"))
+        parts.append(svg.curve(axes, ends, line_of.start + np.array([0.0, line_of.change]), "trend"))
     words = f"{len(t)} logs from {day(t[0])} to {day(t[-1])}, median {np.median(y):.3g}" if len(t) else "no log"
-    return drawing(name, axes.top + axes.height + 22, f"{title} by date", words, parts)
+    return svg.drawing(name, axes.top + axes.height + 22, f"{title} by date", words, parts)
 
 
 def plot_marks(name: str, title: str, t: Array, rows: Sequence[tuple[str, Array]]) -> str:
     """Plot findings by date: one row per name, with marks at the dates ``t`` (N,), s since 1970, of flagged logs."""
-    axes = Axes(_span(t), (0.0, 1.0), left=130, top=4, width=WIDTH - 130 - 10, height=MARK_ROW * len(rows))
+    axes = svg.Axes(_span(t), (0.0, 1.0), left=130, top=4, width=svg.WIDTH - 130 - 10, height=MARK_ROW * len(rows))
     parts = [_dates(axes)]
     for number, (words, flags) in enumerate(rows):
         middle = axes.top + (number + 0.5) * MARK_ROW
-        parts.append(line(axes.left, middle, axes.left + axes.width, middle, "grid"))
-        parts.append(label(axes.left - 6, middle + 4, words if len(words) < 22 else f"{words[:20]}…", "end", "name"))
+        parts.append(svg.line(axes.left, middle, axes.left + axes.width, middle, "grid"))
+        parts.append(
+            svg.label(axes.left - 6, middle + 4, words if len(words) < 22 else f"{words[:20]}…", "end", "name")
+        )
         places = sorted({round(float(x), 1) for x in axes.across(t[np.asarray(flags, bool)])})
-        parts += [line(x, middle - 7, x, middle + 7, "mark") for x in places]
+        parts += [svg.line(x, middle - 7, x, middle + 7, "mark") for x in places]
     said = "; ".join(f"{words}: {int(np.sum(flags))} of {len(t)} logs" for words, flags in rows)
-    return drawing(name, axes.top + axes.height + 22, title, said, parts)
+    return svg.drawing(name, axes.top + axes.height + 22, title, said, parts)
 
 
 def date_ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:
@@ -90,15 +80,15 @@ def date_ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:
     return [(float(stamp), datetime.fromtimestamp(stamp, UTC).strftime(form)) for stamp in shown]
 
 
-def _dates(axes: Axes) -> str:
+def _dates(axes: svg.Axes) -> str:
     """Date axis below the plot, which takes 22 drawing units."""
     bottom, right = axes.top + axes.height, axes.left + axes.width
-    parts = [line(axes.left, bottom, right, bottom, "axis")]
+    parts = [svg.line(axes.left, bottom, right, bottom, "axis")]
     for stamp, words in date_ticks(*axes.x, max(round(axes.width / 62), 1)):
         x = float(axes.across(np.array(stamp)))
-        parts.append(line(x, bottom, x, bottom + 4, "axis"))
+        parts.append(svg.line(x, bottom, x, bottom + 4, "axis"))
         if axes.left + 16 < x < right - 12:
-            parts.append(label(x, bottom + 15, words, "middle"))
+            parts.append(svg.label(x, bottom + 15, words, "middle"))
     return "".join(parts)
 
 

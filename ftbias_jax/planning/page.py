@@ -7,23 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ftbias_jax.check.motion import arm_motion
+from ftbias_jax.diagnosis.report import svg
 from ftbias_jax.diagnosis.report.page import bullets, figure, html_table, section, typeset, whole_page
 from ftbias_jax.diagnosis.report.plots import MAX_BUCKETS
-from ftbias_jax.diagnosis.report.svg import (
-    WIDTH,
-    Axes,
-    band,
-    box,
-    curve,
-    data_range,
-    drawing,
-    escape,
-    frame,
-    label,
-    line,
-    thin,
-    x_axis,
-)
 from ftbias_jax.planning.limits import NOT_KNOWN, QUANTITIES, limits_of
 
 if TYPE_CHECKING:
@@ -42,19 +28,19 @@ def plan_page(plan: Plan) -> str:
     names = [f"{name} [{unit}]" for name, unit in zip(forecast.labels, forecast.units, strict=True)]
     rows = list(zip(names, *columns.values(), strict=True))
     separates = [
-        f"{escape(name)}: {nats:.1f} nats; five standard deviations are 12.5"
+        f"{svg.escape(name)}: {nats:.1f} nats; five standard deviations are 12.5"
         for name, nats in forecast.separates.items()
     ]
-    cannot = [f"{escape(one.pair)}: {escape(one.why)}" for one in forecast.cannot]
+    cannot = [f"{svg.escape(one.pair)}: {svg.escape(one.why)}" for one in forecast.cannot]
     paths = "".join(figure(_path(plan, *view), f"The path of the tip, {view[0]}, base frame.") for view in VIEWS)
     joints = "".join(figure(_joint(plan, j), "") for j in range(plan.motion.q.shape[1]))
     used = figure(_used(plan), "Largest share over all joints, at 1 kHz.")
     asked, seconds = plan.options.to_find, plan.options.duration
     body = (
-        f"<header><p class='small'>Planned motion</p><h1>{escape(f'{seconds:g} s for {asked}')}</h1></header>"
+        f"<header><p class='small'>Planned motion</p><h1>{svg.escape(f'{seconds:g} s for {asked}')}</h1></header>"
         + section("Standard errors to expect", html_table(("parameter", *columns), rows) + bullets(separates))
         + section("What it does not tell", bullets(cannot))
-        + section("What is not known", f"<p>{typeset(NOT_KNOWN)}</p>" + bullets(map(escape, plan.assumed)))
+        + section("What is not known", f"<p>{typeset(NOT_KNOWN)}</p>" + bullets(map(svg.escape, plan.assumed)))
         + section("Where it goes", f"<div class='grid'>{paths}</div>")
         + section("How much of the limits it uses", f"<div class='grid'>{used}<div></div></div>")
         + section(
@@ -82,38 +68,38 @@ def _path(plan: Plan, name: str, across: int, up: int) -> str:
         np.concatenate([path[:, axis], *(corner[k : k + 1] for corner in (low, high))])
         for k, axis in enumerate((across, up))
     ]
-    ranges = [data_range(x) for x in values]
+    ranges = [svg.data_range(x) for x in values]
     half = max(b - a for a, b in ranges) / 2  # the same scale both ways
     x, y = (((a + b) / 2 - half, (a + b) / 2 + half) for a, b in ranges)
-    axes = Axes(x, y, top=24, height=WIDTH - 56)
-    parts = [frame(axes, f"{'xyz'[up]} [m]", x_axis(axes, f"{'xyz'[across]} [m]"))]
+    axes = svg.Axes(x, y, top=24, height=svg.WIDTH - 56)
+    parts = [svg.frame(axes, f"{'xyz'[up]} [m]", svg.x_axis(axes, f"{'xyz'[across]} [m]"))]
     right, bottom = axes.left + axes.width, axes.top + axes.height
     heights = [stated.floor] if up == 2 and stated.floor is not None else []
     for corner in (low, high):
         heights += corner[1:].tolist()
-        parts += [line(x, axes.top, x, bottom, "reference") for x in axes.across(corner[:1]).tolist()]
-    parts += [line(axes.left, y, right, y, "reference") for y in axes.down(np.array(heights)).tolist()]
-    parts.append(curve(axes, path[:, across], path[:, up], "line-after"))
+        parts += [svg.line(x, axes.top, x, bottom, "reference") for x in axes.across(corner[:1]).tolist()]
+    parts += [svg.line(axes.left, y, right, y, "reference") for y in axes.down(np.array(heights)).tolist()]
+    parts.append(svg.curve(axes, path[:, across], path[:, up], "line-after"))
     words = f"{name}, from {path.min(0).round(2).tolist()} to {path.max(0).round(2).tolist()} m"
-    return drawing(f"path-{across}{up}", axes.top + axes.height + 36, f"Path of the tip, {name}", words, parts)
+    return svg.drawing(f"path-{across}{up}", axes.top + axes.height + 36, f"Path of the tip, {name}", words, parts)
 
 
 def _used(plan: Plan) -> str:
     """Bars of the largest share of each limit."""
     shares = dict(zip(QUANTITIES, plan.used.max(1).tolist(), strict=True))
-    axes = Axes((0.0, 1.05), (0.0, 1.0), NAMES, 6, WIDTH - NAMES - 50, ROW * len(shares))
-    parts = [x_axis(axes, "share of the limit")]
+    axes = svg.Axes((0.0, 1.05), (0.0, 1.0), NAMES, 6, svg.WIDTH - NAMES - 50, ROW * len(shares))
+    parts = [svg.x_axis(axes, "share of the limit")]
     for row, (name, share) in enumerate(shares.items()):
         y, end = axes.top + row * ROW, float(axes.across(np.array(share)))
         parts += [
-            label(NAMES - 8, y + 16, name, "end", "name"),
-            box(axes.left, y + 3, end - axes.left, ROW - 6, "fill-after"),
+            svg.label(NAMES - 8, y + 16, name, "end", "name"),
+            svg.box(axes.left, y + 3, end - axes.left, ROW - 6, "fill-after"),
         ]
-        parts.append(label(axes.left + axes.width + 6, y + 16, f"{share:.0%}"))
+        parts.append(svg.label(axes.left + axes.width + 6, y + 16, f"{share:.0%}"))
     one = float(axes.across(np.array(1.0)))
-    parts.append(line(one, axes.top, one, axes.top + axes.height, "reference"))
+    parts.append(svg.line(one, axes.top, one, axes.top + axes.height, "reference"))
     words = "; ".join(f"{name} {share:.0%}" for name, share in shares.items())
-    return drawing("used", axes.top + axes.height + 36, "Shares of the limits", words, parts)
+    return svg.drawing("used", axes.top + axes.height + 36, "Shares of the limits", words, parts)
 
 
 def _joint(plan: Plan, joint: int) -> str:
@@ -122,12 +108,12 @@ def _joint(plan: Plan, joint: int) -> str:
     limits, _ = limits_of(plan.setup, motion.q[0], plan.options.margin)
     low, high = limits.lower[joint], limits.upper[joint]
     t, q = motion.t, motion.q[:, joint]
-    axes = Axes((0.0, float(t[-1])), data_range(q, np.array([low, high])), top=24)
+    axes = svg.Axes((0.0, float(t[-1])), svg.data_range(q, np.array([low, high])), top=24)
     both = np.array([0.0, t[-1]])
     parts = [
-        frame(axes, f"{name} [rad]", x_axis(axes, "time [s]")),
-        band(axes, both, np.full(2, low), np.full(2, high), "noise"),
-        curve(axes, *thin(t, q, MAX_BUCKETS), "line-after"),
+        svg.frame(axes, f"{name} [rad]", svg.x_axis(axes, "time [s]")),
+        svg.band(axes, both, np.full(2, low), np.full(2, high), "noise"),
+        svg.curve(axes, *svg.thin(t, q, MAX_BUCKETS), "line-after"),
     ]
     words = f"from {q.min():.2f} to {q.max():.2f} rad, allowed from {low:.2f} to {high:.2f}"
-    return drawing(f"joint-{joint}", axes.top + axes.height + 34, f"Joint {name}", words, parts)
+    return svg.drawing(f"joint-{joint}", axes.top + axes.height + 34, f"Joint {name}", words, parts)

@@ -12,34 +12,13 @@ from ftbias_jax.setup.bodies import RigidBody, joined
 from ftbias_jax.setup.mjcf import Mjcf, distal_body, mjcf_robot
 from ftbias_jax.setup.rotations import quaternions_of
 from ftbias_jax.setup.types import Setup
-from ftbias_jax.simulators.mend_springs import (
-    FROM_GEOMS,
-    FULL,
-    axes_of,
-    in_body,
-    in_world,
-    mend_drag,
-    on_springs,
-    rigid_bodies,
-)
-from ftbias_jax.simulators.mended import (
-    OF_THE_ROBOT,
-    SAME,
-    Mended,
-    Physics,
-    check_arm,
-    is_drag,
-    not_expressed,
-    physics_of,
-    same_body,
-    without_drag,
-)
+from ftbias_jax.simulators import mend_springs, mended
 from ftbias_jax.simulators.xml_text import Document, Texts, numbers
 
 ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 
 
-def mend_mjcf(setup: Setup, scene: Mjcf, output: str) -> Mended:
+def mend_mjcf(setup: Setup, scene: Mjcf, output: str) -> mended.Mended:
     """Text of a scene, corrected to the robot and tool of a setup whose effects are the findings of a diagnosis.
 
     Paths of other files in the scene are made relative to the location of the corrected scene, ``output``.
@@ -47,13 +26,13 @@ def mend_mjcf(setup: Setup, scene: Mjcf, output: str) -> Mended:
     Raises:
         SetupError: the scene's arm is not the setup's.
     """
-    physics = physics_of(setup)
-    check_arm(setup, mjcf_robot(scene), scene.file, "--mjcf SCENE.xml")
+    physics = mended.physics_of(setup)
+    mended.check_arm(setup, mjcf_robot(scene), scene.file, "--mjcf SCENE.xml")
     texts = Texts(scene, output)
-    drags = [section for section in setup.effects.get(TERM, ()) if is_drag(section)]
-    missing = not_expressed(without_drag(setup.effects), OF_THE_ROBOT)
+    drags = [section for section in setup.effects.get(TERM, ()) if mended.is_drag(section)]
+    missing = mended.not_expressed(mended.without_drag(setup.effects), mended.OF_THE_ROBOT)
     of_tool, bodies = _mend_tool(texts, physics)
-    of_springs, bodies = on_springs(texts, physics, bodies)
+    of_springs, bodies = mend_springs.on_springs(texts, physics, bodies)
     for body, part in bodies.items():
         place = texts.body(body)
         assert place is not None  # bodies without an element are never chosen
@@ -67,23 +46,23 @@ def mend_mjcf(setup: Setup, scene: Mjcf, output: str) -> Mended:
         "gravity_tilt": _mend_gravity(texts, physics),
         "encoder_offset": _mend_joints(texts, physics),
         "cable": _mend_cable(texts, physics),
-        TERM: mend_drag(texts, physics, drags),
+        TERM: mend_springs.mend_drag(texts, physics, drags),
     }.items():
         missing += [{"effect": name, "parameters": setup.effects.get(name, {}), "why": done}] if done else []
-    return Mended(texts.written(), missing)
+    return mended.Mended(texts.written(), missing)
 
 
-def _mend_tool(texts: Texts, physics: Physics) -> tuple[str, dict[int, RigidBody]]:
+def _mend_tool(texts: Texts, physics: mended.Physics) -> tuple[str, dict[int, RigidBody]]:
     """Reason why it cannot be done ("" = none), and the body to change, with its new inertia, in the site's frame."""
     scene, wanted = texts.scene, physics.tool
     wanted = wanted.seen_from(physics.sensor_nominal.T, -physics.sensor_nominal.T @ physics.sensor_position)
     bodies = scene.distal_bodies()
     whole = distal_body(scene, bodies)
-    if whole is not None and same_body(whole, wanted):
+    if whole is not None and mended.same_body(whole, wanted):
         return "", {}
     if texts.inertia_from_geoms:
-        return FROM_GEOMS, {}
-    for body in sorted(rigid_bodies(scene), key=lambda body: -float(scene.model.body_mass[body])):
+        return mend_springs.FROM_GEOMS, {}
+    for body in sorted(mend_springs.rigid_bodies(scene), key=lambda body: -float(scene.model.body_mass[body])):
         rest = distal_body(scene, [other for other in bodies if other != body])
         left = wanted if rest is None else joined(wanted, rest, -1.0)
         if texts.body(body) is not None and left.mass > 0 and _is_physical(left):
@@ -103,19 +82,23 @@ def _write_inertial(scene: Mjcf, document: Document, element: int, body: int, in
     rotation = to_world.T @ data.xmat[body].reshape(3, 3)  # the body's axes in the site's frame
     position = to_world.T @ (data.xpos[body] - data.site_xpos[scene.site])
     new = in_site.seen_from(rotation, position)
-    axes = axes_of(model.body_iquat[body])
+    axes = mend_springs.axes_of(model.body_iquat[body])
     old = RigidBody(
         float(model.body_mass[body]), model.body_ipos[body], axes @ np.diag(model.body_inertia[body]) @ axes.T
     )
-    values = {"pos": numbers(new.center), "mass": numbers([new.mass]), "fullinertia": numbers(new.inertia[FULL])}
+    values = {
+        "pos": numbers(new.center),
+        "mass": numbers([new.mass]),
+        "fullinertia": numbers(new.inertia[mend_springs.FULL]),
+    }
     there = document.children(element, "inertial")
     if not there:
         words = " ".join(f'{name}="{value}"' for name, value in values.items())
         document.insert(element, f"<inertial {words}/>")
         return
-    if abs(new.mass - old.mass) > SAME * old.mass:
+    if abs(new.mass - old.mass) > mended.SAME * old.mass:
         document.set(there[0], "mass", values["mass"])
-    if np.abs(new.center - old.center).max() > SAME:
+    if np.abs(new.center - old.center).max() > mended.SAME:
         document.set(there[0], "pos", values["pos"])
     if np.abs(new.inertia - old.inertia).max() > 1e-7 * np.abs(old.inertia).max():
         for name in (*ORIENTATIONS, "diaginertia"):
@@ -123,18 +106,18 @@ def _write_inertial(scene: Mjcf, document: Document, element: int, body: int, in
         document.set(there[0], "fullinertia", values["fullinertia"])
 
 
-def _mend_site(texts: Texts, physics: Physics) -> str:
+def _mend_site(texts: Texts, physics: mended.Physics) -> str:
     """Rotate and move the site of the sensor; returns why it cannot be done, or ""."""
     turn, shift = physics.sensor_rotation, physics.sensor_position
-    if np.allclose(turn, np.eye(3), atol=SAME) and np.allclose(shift, 0, atol=SAME):
+    if np.allclose(turn, np.eye(3), atol=mended.SAME) and np.allclose(shift, 0, atol=mended.SAME):
         return ""
     model, site = texts.scene.model, texts.scene.site
     place = texts.find("site", name=texts.site_name)
     if place is None or place[0].elements[place[0].elements[place[1]].parent].tag != "body":
         return "the sensor's site does not stand right in a <body> of the files"
     document, element = place
-    axes = axes_of(model.site_quat[site])
-    if np.abs(shift).max() > SAME:
+    axes = mend_springs.axes_of(model.site_quat[site])
+    if np.abs(shift).max() > mended.SAME:
         document.set(element, "pos", numbers(model.site_pos[site] + axes @ shift))
     for name in ORIENTATIONS:
         document.set(element, name, None)
@@ -142,7 +125,7 @@ def _mend_site(texts: Texts, physics: Physics) -> str:
     return ""
 
 
-def _mend_gravity(texts: Texts, physics: Physics) -> str:
+def _mend_gravity(texts: Texts, physics: mended.Physics) -> str:
     scene = texts.scene
     gravity = scene.in_reference_pose().xmat[scene.base].reshape(3, 3) @ physics.gravity
     if np.allclose(gravity, scene.model.opt.gravity, rtol=0, atol=1e-7):
@@ -156,7 +139,7 @@ def _mend_gravity(texts: Texts, physics: Physics) -> str:
     return ""
 
 
-def _mend_joints(texts: Texts, physics: Physics) -> str:
+def _mend_joints(texts: Texts, physics: mended.Physics) -> str:
     import mujoco
 
     model, missing = texts.scene.model, list[str]()
@@ -175,7 +158,7 @@ def _mend_joints(texts: Texts, physics: Physics) -> str:
     return f"the files have no joint {', '.join(missing)}" if missing else ""
 
 
-def _mend_cable(texts: Texts, physics: Physics) -> str:
+def _mend_cable(texts: Texts, physics: mended.Physics) -> str:
     """Add a tendon between two new sites, which pulls with its stiffness beyond its rest length and never pushes."""
     cable, scene = physics.cable, texts.scene
     if cable is None or cable["stiffness"] == 0:
@@ -189,11 +172,11 @@ def _mend_cable(texts: Texts, physics: Physics) -> str:
     data = scene.in_reference_pose()
     to_world = data.xmat[scene.base].reshape(3, 3)
     ends = {
-        "ftbias_cable_near": (*near, scene.body, in_world(data, scene, physics, cable["attachment"])),
+        "ftbias_cable_near": (*near, scene.body, mend_springs.in_world(data, scene, physics, cable["attachment"])),
         "ftbias_cable_far": (*far, carrier, data.xpos[scene.base] + to_world @ cable["anchor"]),
     }
     for name, (document, element, body, point) in ends.items():
-        document.insert(element, f'<site name="{name}" pos="{in_body(data, body, point)}" group="4"/>')
+        document.insert(element, f'<site name="{name}" pos="{mend_springs.in_body(data, body, point)}" group="4"/>')
     stiffness, length = numbers([cable["stiffness"]]), numbers([cable["rest_length"]])
     sites = "".join(f'\n    <site site="{name}"/>' for name in ends)
     tendon = f'<spatial name="ftbias_cable" stiffness="{stiffness}" springlength="0 {length}">{sites}\n  </spatial>'
