@@ -66,6 +66,8 @@ class Identified(NamedTuple):
     """(6,) N, Nm."""
     excess: float = np.nan
     """Root mean square of the remaining innovations, in standard deviations of the setup's noise."""
+    dispersion: float = 1.0
+    """Factor by which blocks of the log scatter more than the setup's noise explains; standard errors include it."""
     gain: float = np.nan
     """nats gained over the start, divided by the overdispersion of the log."""
     converged: bool = False
@@ -122,10 +124,10 @@ def identify(
     first = model(x)
     linear, parts, converged = first, shown.in_blocks(first, dt), only_theta  # the wrench is linear in theta
     for _ in range(0 if only_theta else MAX_ITERATIONS):
-        x, before = physical.most_likely(physical.total(parts), x, prior), _cost(linear)
+        x, before = physical.most_likely(physical.total(parts), x, prior), linear.cost
         linear = model(x)
         parts = shown.in_blocks(linear, dt)
-        converged = abs(before - _cost(linear)) < 0.01 * shown.overdispersion(parts, x, prior)
+        converged = abs(before - linear.cost) < 0.01 * shown.overdispersion(parts, x, prior)
         if converged:
             break
     stated = without_round_off(physical.data_sheet(params.theta))
@@ -138,8 +140,9 @@ def identify(
         return wrench - np.asarray(_readings(jnp.asarray(z), params, joints.mean, samples))
 
     return _identified(params, quarter, linear, found, dt, stated, mounting, gravity, left)._replace(
-        excess=float(np.sqrt(2 * _cost(linear) / np.isfinite(wrench).sum())),
-        gain=(_cost(first) - _cost(linear)) / found.dispersion,
+        excess=float(np.sqrt(2 * linear.cost / np.isfinite(wrench).sum())),
+        dispersion=found.dispersion,
+        gain=(first.cost - linear.cost) / found.dispersion,
         converged=converged,
         has_lever=has_lever,
     )
@@ -294,7 +297,3 @@ def _turned_gravity(gravity: Array, turn: Array) -> Array:
 def _gravity_and_jacobian(gravity: Array, turn: Array) -> tuple[Array, Array]:
     """(3,) m/s^2: gravity turned by a rotation vector, and (3, 3) its derivative with respect to that vector."""
     return _turned_gravity(gravity, turn), jax.jacfwd(_turned_gravity, argnums=1)(gravity, turn)
-
-
-def _cost(linear: Linear) -> float:
-    return float((linear.residual**2).sum() / 2)

@@ -259,6 +259,12 @@ def _comments(setup: Setup, found: Identified, mounting: bool, gravity: bool, bi
 
 MUCH = 5.0
 """Innovations this many times larger than the stated noise are not noise."""
+SCATTERED = 6.25
+"""Dispersion from which standard errors mostly show effects: 2.5 times those of the noise alone."""
+NOT_BY_CHANCE = (
+    "the errors include that, but what acts all along (a turned sensor, crosstalk, a tool that gives way) may have "
+    "moved the tool by several of them: ftbias diagnose names it"
+)
 NOT_ALL = (
     "do not trust this tool before ftbias diagnose has said what else acts: a part that is carried (identify "
     "--payloads), a base that is not level (--gravity), a turned sensor (--mounting), a hose, contact, a delay, a unit"
@@ -271,6 +277,9 @@ def motion_lines(found: Identified, steps: Sequence[Step]) -> list[str]:
     lines = [f"likelihood gained: {found.gain:.1f} nats; condition number of the excitation: {found.condition:.0f}"]
     if found.excess > MUCH:
         lines.append(f"what remains is {found.excess:.0f} times the noise stated: {NOT_ALL}")
+    elif found.dispersion > SCATTERED:
+        times = f"{found.dispersion**0.5:.0f} times"
+        lines.append(f"parts of the log disagree {times} more than the noise stated explains, and {NOT_BY_CHANCE}")
     return lines + [f"the reading jumps on {step}: {WHY_IT_JUMPS}" for step in steps]
 
 

@@ -44,6 +44,11 @@ class Linear(NamedTuple):
     bias_variance: np.ndarray
     """(6,) N^2, Nm^2: variance of ``bias`` for noise of the stated size."""
 
+    @property
+    def cost(self) -> float:
+        """Half the sum of squared innovations."""
+        return float((self.residual**2).sum() / 2)
+
     def moved(self, to: np.ndarray) -> Self:
         """The linearisation moved to other parameters (P,), for a model that is linear in them."""
         move = to - self.at

@@ -10,10 +10,12 @@ from ftbias_jax.cli.commands import demo
 from ftbias_jax.errors import SetupError
 from ftbias_jax.setup import load_setup, parse_setup
 from ftbias_jax.setup.require import guessed_parameters
+from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.setup.types import ToolSetup, unknown_tool
 
 SETUP = parse_setup(demo.SETUP)
 STATED = SETUP.tool
+WRONG = np.deg2rad([1.5, 0.0, 0.0])
 NO_CENTER = replace(STATED, center_of_mass=np.full(3, np.nan))
 
 
@@ -72,3 +74,14 @@ def test_a_drafted_setup_gets_the_place_of_its_sensor_and_standard_errors():
     assert (np.abs(found.tool.center_of_mass - right.tool.center_of_mass) < 4 * found.tool.center_of_mass_std).all()
     assert (found.bias.model_std > 0).all()
     assert found.comments["sensor.translation"].startswith("identified")
+
+
+def test_it_is_said_when_parts_of_a_log_disagree():
+    """A sensor turned by 1.5 degrees moves the centre of mass by many of its errors; nothing remains that is large."""
+    turned = replace(SETUP, sensor=replace(SETUP.sensor, rotation=SETUP.sensor.rotation @ rotation_from_rpy(WRONG)))
+    log = ft.simulate(SETUP, duration=15, rate=200, seed=3).log
+    right, wrong = ft.identify_tool(SETUP, log), ft.identify_tool(turned, log, unchecked=True)
+    assert right.tool.dispersion < 2 < 6.25 < wrong.tool.dispersion
+    assert wrong.tool.excess < 5
+    assert "parts of the log disagree" in str(wrong)
+    assert "disagree" not in str(right)
