@@ -23,6 +23,8 @@ from jax.extend.core import jaxpr_as_fun
 P = ParamSpec("P")
 R = TypeVar("R")
 
+SLOTS = 1024
+"""Maximum number of arrays that the reverse pass of a log keeps; most keep 20 to 200."""
 PIECE = 256
 """Samples per piece; on average, half a piece per log is padding."""
 
@@ -111,11 +113,14 @@ def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
     if not on_cpu():
         return function
     whole: Any = jax.custom_vjp(log_by_log(function))
-    structure: Any = None  # pytree structure of the residuals, found while the forward pass is traced
+    traces = list[
+        tuple[Any, Any]
+    ]()  # for each trace of the forward pass: structure of its residuals, and what is asked
 
     def forward(*primals: Any) -> tuple[Any, Any]:
         leaves, tree = jax.tree.flatten(primals)
         asked = [x.perturbed for x in leaves]
+        structure: Any = None
 
         def one_log(*values: Array) -> tuple[Any, list[Array]]:
             nonlocal structure
@@ -131,10 +136,17 @@ def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
             return jax.tree.unflatten(jax.tree.structure(shapes), jaxpr_as_fun(traced)(*values))
 
         found, kept = _differentiated_once(log_by_log(as_traced))(*values)
-        return found, (kept, jax.tree.unflatten(tree, [() if a else None for a in asked]))
+        if len(kept) > SLOTS:
+            raise ValueError(f"the reverse pass keeps {len(kept)} arrays, more than the {SLOTS} that there is room for")
+        traces.append((structure, jax.tree.unflatten(tree, [() if a else None for a in asked])))
+        # JAX may reuse this trace with the residuals' structure of a later one, in which other derivatives were asked
+        # for: all traces return equally many arrays, and the shape of the last one says which trace it was.
+        nothing = jnp.zeros(0)
+        return found, [*kept, *[nothing] * (SLOTS - len(kept)), jnp.zeros((0, len(traces) - 1))]
 
     def backward(residual: Any, bar: Any) -> Any:
-        kept, asked = residual
+        structure, asked = traces[residual[-1].shape[1]]
+        kept = residual[: structure.num_leaves]
         bar = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype) if isinstance(x, SymbolicZero) else x, bar)
         (slopes,) = log_by_log(lambda kept, bar: jax.tree.unflatten(structure, kept)(bar))(kept, bar)
         rest = iter(slopes)

@@ -1,10 +1,13 @@
 """Loops compiled as a whole, or over pieces of a padded log, give the same results as plain ones."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from ftbias_jax.runtime import compiled_loops
 from ftbias_jax.runtime.compiled_loops import PIECE, compile_whole, log_by_log_with_slopes, one_at_a_time, over_pieces
 
 RNG = np.random.default_rng(0)
@@ -159,3 +162,29 @@ def test_a_forward_pass_is_traced_once_whatever_another_trace_would_keep():
     values, slopes = jax.vmap(jax.value_and_grad(log_by_log_with_slopes(square)))(x)
     np.testing.assert_allclose(values, x**2, rtol=1e-12)
     np.testing.assert_allclose(slopes, 2 * x, rtol=1e-12)
+
+
+ASKED = {"a": (0,), "b": (1,), "ab": (0, 1), "c": (2,)}
+"""Arguments with respect to which derivatives are asked for; each keeps other arrays for the reverse pass."""
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(ASKED, 3)), ids="-".join)
+def test_derivatives_do_not_depend_on_those_that_were_asked_for_before(order):
+    """JAX reuses the trace of a forward pass, but the structure of its residuals is that of the latest trace."""
+
+    def work(a, b, c):
+        return jnp.sin(a * b).sum() * jnp.exp(c) + (a**2).sum()
+
+    one = jax.jit(lambda *values: log_by_log_with_slopes(work)(*values))
+    values = (jnp.asarray(X[0]), jnp.asarray(X[1]), jnp.asarray(0.3))
+    for names in (*order, *order):
+        for through in (lambda f: f, jax.jit):  # the second is traced anew around the same inner program
+            got = jax.grad(through(lambda *values: one(*values)), ASKED[names])(*values)
+            for x, y in zip(got, jax.grad(work, ASKED[names])(*values), strict=True):
+                np.testing.assert_allclose(x, y, rtol=1e-6)
+
+
+def test_a_reverse_pass_that_keeps_too_much_is_refused(monkeypatch):
+    monkeypatch.setattr(compiled_loops, "SLOTS", 1)
+    with pytest.raises(ValueError, match=r"keeps \d arrays, more than the 1 that"):
+        jax.grad(log_by_log_with_slopes(lambda a, b: (jnp.sin(a) * jnp.cos(b) * b).sum()))(X[0], X[1])

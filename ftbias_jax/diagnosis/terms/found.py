@@ -255,7 +255,7 @@ def sentence(term: Term, values: np.ndarray, stderr: np.ndarray, share: float) -
     """Such as ``a force of 23.6 +- 0.4 N per m/s against the velocity of the tool, in base axes (92 % of the gap)``."""
     where = {"base": ", in base axes", "sensor": ", in sensor axes", "joint": ", about the joint's axis"}
     size = _size(term, values, stderr).replace("±", "+-")
-    return f"{_what(term)} of {size} {_does(term)}{where.get(term.frame, '')} ({100 * share:.0f} % of the gap)"
+    return f"{_what(term, signed=True)} of {size} {_does(term)}{where.get(term.frame, '')} ({100 * share:.0f} % of the gap)"
 
 
 def statement(term: Term, values: np.ndarray, stderr: np.ndarray, rms: str) -> str:
@@ -264,12 +264,15 @@ def statement(term: Term, values: np.ndarray, stderr: np.ndarray, rms: str) -> s
     if term.drive == "time" and {*units} <= {"N", "Nm"}:  # the rms over the whole log says little about its part
         unit = "N" if "N" in units else "Nm"
         size = f"about {np.linalg.norm(values[[each == unit for each in units]]):.2g} {unit}"
-    return f"{_what(term)} of {_size(term, values, stderr) if len(values) == 1 else size} {_does(term)}"
+    single = len(values) == 1
+    return f"{_what(term, signed=single)} of {_size(term, values, stderr) if single else size} {_does(term)}"
 
 
-def _what(term: Term) -> str:
+def _what(term: Term, *, signed: bool) -> str:
+    """What a term is; ``signed`` if its coefficients follow, which lower the reading unless the load drives them."""
     if term.acts_as == "wrench" and term.frame == "sensor":
-        return "a change of the reading"
+        corrects = signed and term.drive not in ("load", "load_time")
+        return "a correction to add to the reading" if corrects else "a change of the reading"
     if term.form == "payload":
         return "a load"
     return {"force": "a force", "torque": "a torque", "wrench": "a force and torque", "bias": "a bias"}[term.acts_as]
