@@ -138,7 +138,14 @@ def best_alternatives(base: Evidence, alternatives: Iterable[Alternative]) -> li
         tried = [(a, a.state.fit(free_tool(a.state.tool))) for a, _ in tried if not a.scale]
         good = [(a, r) for a, r in tried if is_possible(r.fit.theta) and _is_named(base, a, r, any_tool=True)]
     best = max((score(base, result) for _, result in good), default=0.0)
-    return sorted(((a, r) for a, r in good if score(base, r) > best - TIE), key=lambda pair: pair[0].rank)
+    ties = [(a, r) for a, r in good if score(base, r) > best - TIE]
+    return sorted(ties, key=lambda pair: (pair[0].rank, _departure(*pair) if pair[0].scale else 0.0))
+
+
+def _departure(alternative: Alternative, result: Result) -> float:
+    """How far the fitted tool is from the stated one, in semi-axes: of two units, the one that needs no other tool."""
+    tool = alternative.state.tool
+    return float(np.linalg.norm((result.fit.theta - tool.theta) / np.maximum(tool.reach, 1e-12)))
 
 
 def slightly(base: Evidence, alternatives: Iterable[Alternative]) -> list[Tried]:

@@ -6,8 +6,10 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ftbias_jax.errors import LogError, UsageError, path_of
-from ftbias_jax.io.check import EXTRA_PREFIX, floats_of, relative_seconds
+from ftbias_jax.io.check import EXTRA_PREFIX, floats_of, relative_seconds, require_wrench
 from ftbias_jax.io.cleaning import STREAMS, clean
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.remote import from_anywhere, opened, without_credentials
@@ -76,6 +78,7 @@ def as_log(log: object, setup: Setup, *, raw: bool = False) -> Log:
     if not isinstance(log, Log):
         raise UsageError(f"got {type(log).__name__}", field="logs", remedy=NO_LOG)
     relative_seconds(log.t, file=log.file)
+    require_wrench(log.wrench, file=log.file)
     return log._replace(**floats_of(log, setup, file=log.file))
 
 
@@ -188,8 +191,14 @@ def log_of_arrays(
         "specific_force": specific_force,
         **{f"{EXTRA_PREFIX}{name}": values for name, values in (columns or {}).items()},
     }
-    log = log_from_arrays({name: values for name, values in arrays.items() if values is not None}, setup)
+    given = {name: _unmasked(values) for name, values in arrays.items() if values is not None}
+    log = log_from_arrays(given, setup)
     return clean(log, clipped=not raw, stuck=not raw, held=() if raw else STREAMS)
+
+
+def _unmasked(values: Array) -> Array:
+    """NaN where a masked array of NumPy is masked; other arrays as they are."""
+    return np.ma.filled(values.astype(float), np.nan) if isinstance(values, np.ma.MaskedArray) else values
 
 
 Log.from_arrays = staticmethod(log_of_arrays)  # type: ignore[method-assign]

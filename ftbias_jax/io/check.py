@@ -110,9 +110,7 @@ def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "
         if not measured:
             remedy = "record its position, or correct the joints of the setup"
             raise LogError(f"no motion data: joint {name!r} is never measured", file=file, field="q", remedy=remedy)
-    if not len(wrench_t):
-        remedy = "record the sensor's wrench"
-        raise LogError("no wrench data: all values are NaN", file=file, field="wrench", remedy=remedy)
+    require_wrench(wrench_t, file=file)
     rate = 1 / np.median(np.diff(wrench_t)) if len(wrench_t) > 1 else LOWEST_RATE
     if rate > HIGHEST_RATE and len(wrench_t) > PACKET:
         rate = PACKET / np.median(wrench_t[PACKET:] - wrench_t[:-PACKET])
@@ -120,6 +118,13 @@ def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "
         message = f"the wrench has a rate of {rate:.4g} Hz, which is implausible"
         remedy = "give floating-point time in s, integer time in ns, or state log.time_unit in the setup"
         raise LogError(message, file=file, field="t", remedy=remedy)
+
+
+def require_wrench(measured: Array, *, file: str = "") -> None:
+    """Refuse a log of which no wrench was measured: an empty array, or one of NaN alone."""
+    if np.isnan(np.asarray(measured, float)).all():
+        remedy = "record the sensor's wrench"
+        raise LogError("no wrench data: all values are NaN", file=file, field="wrench", remedy=remedy)
 
 
 def relative_seconds(t: Array, *, file: str = "") -> tuple[Array, float]:

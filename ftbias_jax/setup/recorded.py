@@ -23,7 +23,15 @@ LENGTH_UNITS = {"m": 1.0, "mm": 1e-3}
 """Unit of length -> m."""
 FORCE_UNITS = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605}
 """Unit of force -> N."""
-TORQUE_UNITS = {"Nm": 1.0, "Nmm": 1e-3, "Ncm": 1e-2, "lbf-in": 0.1129848290276167, "lbf-ft": 1.3558179483314004}
+TORQUE_UNITS = {
+    "Nm": 1.0,
+    "Nmm": 1e-3,
+    "Ncm": 1e-2,
+    "lbf-in": 0.1129848290276167,
+    "lbf-ft": 1.3558179483314004,
+    "kgf-m": 9.80665,
+    "kgf-cm": 0.0980665,
+}
 """Unit of torque -> Nm."""
 WRENCH_AXES = ("sensor", "base")
 HEADER, RECEIPT = "header", "receipt"

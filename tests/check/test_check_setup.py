@@ -123,12 +123,25 @@ def test_a_setup_that_is_mended_as_told_is_right(mistake):
     assert checked(tables, arrays).ok
 
 
-@pytest.mark.parametrize(("force", "torque"), [(1 / 4.4482216, 1 / 4.4482216), (1e3, 1e3), (102.0, 102.0), (1.0, 1e3)])
-def test_other_units_of_the_wrench_are_told_apart(force, torque):
+UNITS = {
+    "pound-force instead": (1 / 4.4482216, 1 / 4.4482216),
+    "millinewton instead": (1e3, 1e3),
+    "gram-force instead": (102.0, 102.0),
+    "Nmm instead": (1.0, 1e3),
+    "kilogram-force instead": (1 / 9.80665, 1 / 9.80665),
+    "kgf and kgf cm": (1 / 9.80665, 100 / 9.80665),
+    "kgf and Nm": (1 / 9.80665, 1.0),
+    "lbf and lbf ft": (1 / 4.4482216, 0.7375621),
+}
+"""Words of a remedy -> number of these units in 1 N and in 1 Nm."""
+
+
+@pytest.mark.parametrize("words", UNITS)
+def test_other_units_of_the_wrench_are_told_apart(words):
+    """Among units that fit with a somewhat different tool, those are named that fit with the stated one."""
     tables, arrays = right_log(seed=5)
-    scaled(force, torque)(tables, arrays)
+    scaled(*UNITS[words])(tables, arrays)
     (finding,) = checked(tables, arrays).findings
-    words = {1e3: "millinewton", 102.0: "gram-force", 1.0: "Nmm"}.get(force, "pound-force")
     assert words in finding.remedy
 
 

@@ -43,10 +43,11 @@ def test_a_log_changed_by_hand_must_have_a_row_for_every_stamp(verb):
         {"wrench": LOG.wrench.astype(str)},
         {"wrench": np.full((40, 6), np.inf)},
         {"temperature": None},
+        {"wrench": np.full((40, 6), np.nan)},
         {"t": LOG.t[::-1]},
         {"t": LOG.t[:1]},
     ],
-    ids=["joints missing", "transposed", "text", "infinite", "none", "backwards", "one"],
+    ids=["joints missing", "transposed", "text", "infinite", "none", "never measured", "backwards", "one"],
 )
 def test_arrays_that_cannot_be_a_log_are_refused_before_anything_is_computed(change):
     with pytest.raises(ft.LogError, match="|".join(change)):
@@ -56,6 +57,18 @@ def test_arrays_that_cannot_be_a_log_are_refused_before_anything_is_computed(cha
 def test_lists_of_numbers_are_arrays():
     as_lists = LOG._replace(q=LOG.q.tolist(), wrench=LOG.wrench.tolist())
     np.testing.assert_array_equal(ft.filter_log(SETUP, as_lists).bias, ft.filter_log(SETUP, LOG).bias)
+
+
+def test_masked_values_are_missing_values():
+    wrench = np.ma.masked_greater(np.arange(240.0).reshape(40, 6), 200.0)
+    log = ft.Log.from_arrays(SETUP, T, LOG.q, wrench, raw=True)
+    np.testing.assert_array_equal(np.isnan(log.wrench), wrench.mask)
+
+
+@pytest.mark.parametrize("selection", [{"every": 2.5}, {"every": "2"}, {"rate": "a"}])
+def test_a_selection_of_rows_must_be_a_number(tmp_path, selection):
+    with pytest.raises(ft.UsageError, match=f"^{next(iter(selection))}: "):
+        ft.filter_log(SETUP, LOG).save(tmp_path / "result.npz", **selection)
 
 
 @pytest.mark.parametrize(

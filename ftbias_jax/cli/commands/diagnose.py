@@ -46,6 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
         logs = [read_log(path, setup, raw=True) for path in paths]
         with many_imports():
             start_jax()
+            from ftbias_jax.commissioning.events import without_events
             from ftbias_jax.commissioning.judged import objection
             from ftbias_jax.diagnosis.apply import refused, some_applied
             from ftbias_jax.diagnosis.diagnose import diagnose
@@ -84,6 +85,9 @@ def run(arguments: argparse.Namespace) -> int:
             fixed: lambda path: save_setup(diagnosis.apply(setup).save, path, arguments, "diagnose --apply"),
         }
     )
+    if fixed and (events := without_events(diagnosis.apply(setup), setup)[1]):
+        only = "has times of these logs, so that this setup fits no others (ftbias calibrate leaves them out)"
+        print(f"ftbias: {arguments.output}: {', '.join(events)} {only}", file=sys.stderr)
     for why in not_stated:
         print(f"ftbias: not applied: {why}", file=sys.stderr)
     code = print_repairs(zip(paths[latest], diagnosis.repairs, strict=True))

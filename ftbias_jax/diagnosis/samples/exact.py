@@ -84,12 +84,13 @@ def find_dropped(repeated: np.ndarray, gaps: Gaps, by_chance: float = 0.0) -> Fi
     total, lost = samples + missing, copies + missing
     rate, share = lost / total, copies / lost if lost else 1.0
     nats = log_likelihood_ratio(lost, thresholds.HEALTHY_RATE * total + by_chance)
+    # Samples are lost in runs: the runs are independent, their samples are not. A single gap shows no rate.
+    scatter = float(np.sqrt(max((runs(repeated) ** 2).sum() + (gaps.lost**2).sum(), 1)))
     detected = rate >= thresholds.LEAST_RATE and lost >= thresholds.LEAST_LOST and nats > thresholds.SURPRISING
+    detected &= lost > thresholds.SURE * scatter
     sentence = f"{copies} of {samples} rows repeat the row before, {missing} are missing from a clock of "
     sentence += f"{1e3 * gaps.period:.3g} ms" if gaps.period else "no steady period"
     sentence += f"; {gaps.pauses} pauses" if gaps.pauses else ""
-    # Samples are lost in runs: the runs are independent, their samples are not.
-    scatter = float(np.sqrt(max((runs(repeated) ** 2).sum() + (gaps.lost**2).sum(), 1)))
     error = {"rate": scatter / total, "repeated": (1 + scatter * np.sqrt(share * (1 - share))) / max(lost, 1)}
     return Finding(LOST, detected, {"rate": rate, "repeated": share}, error, nats, sentence)
 

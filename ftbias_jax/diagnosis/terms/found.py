@@ -223,8 +223,7 @@ def _unit_of_load(term: Term, channel: int) -> str:
         return f"{own}^2 per {f'{own}^2' if form.name == 'load' else form.unit}"
     power = LOADS.get(form.name, 1)
     load = own if power == 1 else f"{own}^{power}"
-    beside = "" if term.drive == "load" or form.unit == "1" else f" {form.unit}"
-    return f"{own} per {load}{beside}"
+    return f"{own} per {load}" + ("" if term.drive == "load" or form.unit == "1" else f" {form.unit}")
 
 
 def _unit(term: Term, series: str, channel: int) -> str:
@@ -254,8 +253,8 @@ def _key(text: str) -> str:
 def sentence(term: Term, values: np.ndarray, stderr: np.ndarray, share: float) -> str:
     """Such as ``a force of 23.6 +- 0.4 N per m/s against the velocity of the tool, in base axes (92 % of the gap)``."""
     where = {"base": ", in base axes", "sensor": ", in sensor axes", "joint": ", about the joint's axis"}
-    size = _size(term, values, stderr).replace("±", "+-")
-    return f"{_what(term, signed=True)} of {size} {_does(term)}{where.get(term.frame, '')} ({100 * share:.0f} % of the gap)"
+    size = f"{_what(term, signed=True)} of {_size(term, values, stderr)}".replace("±", "+-")
+    return f"{size} {_does(term)}{where.get(term.frame, '')} ({100 * share:.0f} % of the gap)"
 
 
 def statement(term: Term, values: np.ndarray, stderr: np.ndarray, rms: str) -> str:
@@ -264,15 +263,15 @@ def statement(term: Term, values: np.ndarray, stderr: np.ndarray, rms: str) -> s
     if term.drive == "time" and {*units} <= {"N", "Nm"}:  # the rms over the whole log says little about its part
         unit = "N" if "N" in units else "Nm"
         size = f"about {np.linalg.norm(values[[each == unit for each in units]]):.2g} {unit}"
-    single = len(values) == 1
-    return f"{_what(term, signed=single)} of {_size(term, values, stderr) if single else size} {_does(term)}"
+    size = _size(term, values, stderr) if len(values) == 1 else size
+    return f"{_what(term, signed=len(values) == 1)} of {size} {_does(term)}"
 
 
 def _what(term: Term, *, signed: bool) -> str:
     """What a term is; ``signed`` if its coefficients follow, which lower the reading unless the load drives them."""
     if term.acts_as == "wrench" and term.frame == "sensor":
-        corrects = signed and term.drive not in ("load", "load_time")
-        return "a correction to add to the reading" if corrects else "a change of the reading"
+        lowers = signed and not term.drive.startswith("load")
+        return "a correction to add to the reading" if lowers else "a change of the reading"
     if term.form == "payload":
         return "a load"
     return {"force": "a force", "torque": "a torque", "wrench": "a force and torque", "bias": "a bias"}[term.acts_as]

@@ -27,7 +27,8 @@ UNITS: Mapping[str, tuple[str, Mapping[str, str]]] = {
     "torque": (
         "log.torque_unit",
         _words("Nm: nm, n m, n*m, n.m, n-m, n·m; Nmm: nmm, n mm, n-mm, mnm; Ncm: ncm, n-cm; lbf-in: lbf-in, lbf in, "
-               "lbf.in, in-lbf; lbf-ft: lbf-ft, lbf ft, ft-lbf"),
+               "lbf.in, in-lbf; lbf-ft: lbf-ft, lbf ft, ft-lbf; kgf-m: kgf-m, kgf m, kgfm; kgf-cm: kgf-cm, kgf cm, "
+               "kgfcm"),
     ),
     "temperature": ("", _words(": c, °c, degc, celsius, k, kelvin")),
     "length": ("log.length_unit", _words("m: m; mm: mm")),

@@ -1,12 +1,13 @@
 """Selection of the arrays of a result, their precision and their samples; and the metadata of a file."""
 
 import json
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ftbias_jax.errors import UsageError
+from ftbias_jax.errors import UsageError, is_integer, is_number
 from ftbias_jax.io.write.fields import ADAPT, FIELDS, SIGN, SMOOTH
 from ftbias_jax.io.write.provenance import Provenance, as_text
 from ftbias_jax.setup.fields import nearest
@@ -58,9 +59,9 @@ def check_selection(selection: Selection, *, smooth: bool | None = None, adapt: 
     if selection.precision not in PRECISIONS:
         message = f"{selection.precision!r} is no precision"
         raise UsageError(message, field="precision", remedy=f"choose from {', '.join(PRECISIONS)}")
-    if selection.every < 1:
+    if not is_integer(selection.every) or selection.every < 1:
         raise UsageError(f"{selection.every} samples", field="every", remedy="give a whole number from 1 on")
-    if selection.rate is not None and not 0 < selection.rate < np.inf:
+    if selection.rate is not None and not is_number(selection.rate, sys.float_info.min, sys.float_info.max):
         raise UsageError(f"{selection.rate} Hz", field="rate", remedy="give a positive number")
     if selection.rate is not None and selection.every > 1:
         raise UsageError("every and a rate were both given", field="every", remedy="leave out one of the two")

@@ -185,6 +185,15 @@ def test_dropped_samples(form):
         np.testing.assert_array_equal(np.isnan(found.clean_wrench).all(1), lost)
 
 
+def test_a_single_gap_shows_no_rate_of_loss():
+    """A pause of the recorder, which a rate with an error as large as itself would call a cause."""
+    recording = Recording(9)
+    there = np.ones(len(recording.t), bool)
+    there[500:540] = False
+    found = recording.inspect(recording.model + recording.noise, keep=there)
+    assert names(found) == ()
+
+
 @pytest.mark.parametrize("steps", [np.full(6, 0.49), np.array([0.8, 0.8, 0.8, 0.8, 0.49, 0.49]), np.full(6, 0.3)])
 @pytest.mark.parametrize("axes", [6, 2])
 def test_equal_readings_of_a_lattice_are_lost_samples_only_beyond_chance(steps, axes):
