@@ -12,6 +12,7 @@ import numpy as np
 from ftbias_jax.io.check import LOWEST_RATE
 from ftbias_jax.io.draft.robot import Keys
 from ftbias_jax.setup.dump import MEASURE, Known
+from ftbias_jax.setup.recorded import TORQUE_UNITS
 from ftbias_jax.setup.rotations import skew
 from ftbias_jax.types import Array
 
@@ -39,6 +40,8 @@ USUAL, QUIETEST = 0.5, 0.1
 """Quantile of the intervals' standard deviations taken as the noise: at rest, and in motion, which adds noise."""
 AT_REST = 2e-3
 """rad, maximum rotation of the sensor at rest: the weight of a 2 kg tool then changes by at most 0.04 N per axis."""
+FARTHEST, NEAR = 1.0, 0.3
+"""m; no tool's centre of mass is farther from its sensor than the first, few are farther than the second."""
 SAME = 1.3
 """Maximum ratio of an interval's residual to that of its two halves. Motion makes it about sixteen, since the residual
 of a cubic grows with the fourth power of the length; noise, even if smoothed by a filter, hardly changes."""
@@ -176,11 +179,19 @@ def tool_keys(found: ToolEstimate | None, is_stated: bool) -> tuple[Keys, list[s
         "tool.mass_std": Known(float(f"{found.mass_stderr:.2g}"), "for the error bars"),
         "tool.center_of_mass_std": Known([float(f"{x:.2g}") for x in found.center_stderr], "for the error bars"),
     }
+    distance, notes = float(np.linalg.norm(found.center_of_mass)), list[str]()
+    if distance > FARTHEST:
+        del keys["tool.center_of_mass"], keys["tool.center_of_mass_std"]
+        unit = next((f'"{unit}"' for unit in ("Ncm", "Nmm") if distance * TORQUE_UNITS[unit] < NEAR), "of another unit")
+        notes = [
+            f"the torques put the centre of mass {distance:.2g} m from the sensor, so they are not in Nm, or the "
+            f"forces not in N: state log.torque_unit (perhaps {unit}) or log.force_unit, and correct noise_std"
+        ]
     if found.mass < 0:
         why = "because the weight has the opposite sign; not if the base hangs upside down (robot.gravity up instead)"
         keys["sensor.reports"] = Known("wrench_on_sensor", why)
         words += "; its sign is the opposite of the usual one, or the base hangs upside down: see sensor.reports"
-    return keys, [f"weighed by the log: {words}"]
+    return keys, [f"weighed by the log: {words}", *notes]
 
 
 def quietest_noise(t: Array, wrench: Array, rotations: Array) -> tuple[list[float], str] | None:

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from ftbias_jax.cli.main import main
 from ftbias_jax.io.draft.conventions import likely_gravity
-from ftbias_jax.io.draft.evidence import weigh
+from ftbias_jax.io.draft.evidence import tool_keys, weigh
 from ftbias_jax.io.pose import arm_rotations
 from ftbias_jax.setup import load_setup, parse_setup
 
@@ -64,6 +64,15 @@ def test_a_sensor_set_to_zero_on_the_way_weighs_as_before():
     found = weigh(t, turned, SETUP.robot.gravity, wrench, [t[600]])
     assert abs(found.mass - made.MASS) < 3 * found.mass_stderr < 0.1
     np.testing.assert_allclose(found.center_of_mass, made.CENTER, atol=2e-3)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1.0, ""), (100.0, '"Ncm"'), (1000.0, '"Nmm"')])
+def test_a_centre_of_mass_that_no_tool_has_shows_another_unit_of_the_torque(factor, unit):
+    t, q, wrench = made.arm_log()
+    keys, notes = tool_keys(weighed(t, q, wrench * np.repeat([1.0, factor], 3)), is_stated=False)
+    assert ("tool.center_of_mass" in keys) == (not unit)
+    assert ("state log.torque_unit" in notes[-1]) == bool(unit)
+    assert unit in notes[-1]
 
 
 def test_an_hour_of_motion_is_no_series_of_static_poses():
