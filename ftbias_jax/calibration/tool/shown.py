@@ -32,7 +32,7 @@ FEWEST_BLOCKS, MOST_BLOCKS = 8, 16
 LEAST_KNOWN = 0.5
 """A parameter is determined if its standard error is below this share of what a tool of size RADIUS could have."""
 STANDARD_ERRORS = 2.0
-"""Standard errors by which a fit must predict held-out blocks better than the stated values."""
+"""Standard errors by which a fit must predict held-out blocks better, or more of them, than the stated values."""
 
 
 class Shown(NamedTuple):
@@ -90,7 +90,7 @@ def judge(parts: list[Quadratic], x: np.ndarray, prior: Prior, inertia: np.ndarr
         without = part(_with_inertia(inertia, _keeping(inertia, rest, stated, prior)[0]))
         gains.append((without - part(parameters_at(most_likely(rest, free, prior)))) / dispersion)
     gain = _with_error(gains)
-    if _is_sure(*gain):
+    if _is_sure(gains):
         return Shown(free, prior, dispersion, kept, poor, True, gain)
     return Shown(stated, with_stated, dispersion, kept, poor, False, gain)
 
@@ -101,7 +101,7 @@ def predicts_unseen(parts: list[Quadratic], found: Shown, rows: slice) -> bool:
     for part, rest in _left_out(parts, found.dispersion):
         without, free = (part(parameters_at(most_likely(rest, found.x, prior))) for prior in (held, found.prior))
         gains.append((without - free) / found.dispersion)
-    return _is_sure(*_with_error(gains))
+    return _is_sure(gains)
 
 
 def _left_out(parts: list[Quadratic], dispersion: float) -> Iterator[tuple[Quadratic, Quadratic]]:
@@ -115,8 +115,11 @@ def _with_error(gains: list[float]) -> tuple[float, float]:
     return float(np.sum(gains)), float(np.std(gains) * np.sqrt(len(gains)))
 
 
-def _is_sure(gain: float, error: float) -> bool:
-    return gain > STANDARD_ERRORS * error and gain > 0
+def _is_sure(gains: list[float]) -> bool:
+    """Whether held-out blocks gain beyond chance, in sum or in number: one block of fast motion may have most of it."""
+    gain, error = _with_error(gains)
+    surplus = 2 * np.sum(np.greater(gains, 0)) - len(gains)
+    return bool(gain > 0 and (gain > STANDARD_ERRORS * error or surplus > STANDARD_ERRORS * np.sqrt(len(gains))))
 
 
 def overdispersion(parts: list[Quadratic], x: np.ndarray, prior: Prior) -> float:

@@ -91,6 +91,20 @@ def test_an_inertia_that_is_right_as_stated_is_left_alone():
         assert found.poor == ()
 
 
+def test_evidence_that_one_fast_part_of_the_log_has_for_the_most_is_evidence():
+    """All blocks gain, one of them fifty times as much as the others: the scatter of the gains exceeds their mean."""
+    linear = linear_of(HEAVY, np.full(10, 0.5))
+    louder = np.where(np.arange(COUNT) // 500 == 3, 30.0, 1.0)[:, None]
+    at, truth = linear.at, np.r_[np.asarray(physical.theta_of(HEAVY)), np.zeros(6)]
+    signal = np.einsum("ptc,p->tc", linear.columns, at - truth)
+    columns, residual = linear.columns * louder, linear.residual + signal * (louder - 1)
+    flat = columns.reshape(16, -1)
+    parts = shown.in_blocks(linear._replace(columns=columns, residual=residual, information=flat @ flat.T), DTS)
+    found = shown.judge(parts, X, PRIOR, STATED[4:])
+    assert 0 < found.gain[0] < shown.STANDARD_ERRORS * found.gain[1]
+    assert found.inertia
+
+
 def test_a_combination_that_does_not_show_leaves_both_parameters_open():
     direction = np.r_[0, 1 / UNITS[1], 1 / UNITS[2], np.zeros(7)]
     information = 1e4 * np.diag(np.r_[UNITS**-2.0, np.zeros(6)])
