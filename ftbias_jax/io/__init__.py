@@ -78,8 +78,9 @@ def as_log(log: object, setup: Setup, *, raw: bool = False) -> Log:
     if not isinstance(log, Log):
         raise UsageError(f"got {type(log).__name__}", field="logs", remedy=NO_LOG)
     relative_seconds(log.t, file=log.file)
-    require_wrench(log.wrench, file=log.file)
-    return log._replace(**floats_of(log, setup, file=log.file))
+    floats = floats_of(log, setup, file=log.file)
+    require_wrench(floats["wrench"], file=log.file)
+    return log._replace(**floats)
 
 
 def as_logs(logs: GivenLog | Iterable[GivenLog], setup: Setup, *, raw: bool = False) -> list[Log]:

@@ -122,7 +122,7 @@ def check_content(joints: Array, wrench_t: Array, setup: Setup, *, file: str = "
 
 def require_wrench(measured: Array, *, file: str = "") -> None:
     """Refuse a log of which no wrench was measured: an empty array, or one of NaN alone."""
-    if np.isnan(np.asarray(measured, float)).all():
+    if np.isnan(measured).all():
         remedy = "record the sensor's wrench"
         raise LogError("no wrench data: all values are NaN", file=file, field="wrench", remedy=remedy)
 

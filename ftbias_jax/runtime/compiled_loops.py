@@ -113,9 +113,8 @@ def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
     if not on_cpu():
         return function
     whole: Any = jax.custom_vjp(log_by_log(function))
-    traces = list[
-        tuple[Any, Any]
-    ]()  # for each trace of the forward pass: structure of its residuals, and what is asked
+    # For each trace of the forward pass: the structure of what it keeps, and the derivatives that are asked for.
+    traces = list[tuple[Any, Any]]()
 
     def forward(*primals: Any) -> tuple[Any, Any]:
         leaves, tree = jax.tree.flatten(primals)
