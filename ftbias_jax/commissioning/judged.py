@@ -29,6 +29,9 @@ SAME = 1e-9
 """Relative change of the errors that is only rounding."""
 FEWER = 0.03
 """Share of the samples that a better setup may leave out beyond those that the other one leaves out."""
+MORE = 0.2
+"""Share of the samples beyond those of the other setup from which using them is better, if nothing is worse: a filter
+that takes the motion of a wrong tool for contact predicts the rest, at rest, as well as a right one."""
 LEAST_INSIDE = 0.85
 """Share of readings in their 95 % intervals: a setup with fewer, and fewer than the other one, is not better."""
 WITHIN = 1.96
@@ -82,8 +85,9 @@ class Difference(NamedTuple):
 
     @property
     def is_better(self) -> bool:
-        """Whether the errors are smaller by more than chance, and nothing else is worse."""
-        return self.share < -max(MATTERS, SURE * self.stderr) and not self.costs
+        """Whether the errors are smaller by more than chance, or far more samples are used, and nothing is worse."""
+        smaller = self.share < -max(MATTERS, SURE * self.stderr)
+        return (smaller or self.fewer < -MORE) and not self.is_worse
 
     @property
     def is_worse(self) -> bool:
@@ -101,7 +105,8 @@ class Difference(NamedTuple):
         change = value_words(100 * abs(ratio - 1), 100 * ratio * self.stderr)
         same = abs(self.share) < SAME
         words = "errors as before" if same else f"errors {change} % {'smaller' if ratio < 1 else 'larger'}"
-        return "; ".join(x for x in (words, self.costs) if x)
+        more = f"{-100 * self.fewer:.0f} % more samples used" if self.fewer < -MORE else ""
+        return "; ".join(x for x in (words, more, self.costs) if x)
 
 
 def judge(setup: Setup, logs: Sequence[Log], hold_out: float) -> Judged:
