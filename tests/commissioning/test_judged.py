@@ -51,6 +51,15 @@ def test_smaller_errors_are_not_bought_by_leaving_out_or_by_being_sure(new, cost
     assert difference.is_worse is bool(costs)
 
 
+@pytest.mark.parametrize(("size", "better"), [(1.0, True), (1.3, False)])
+def test_far_more_samples_are_better_if_the_errors_are_no_larger(size, better):
+    """A filter that takes the motion of a wrong tool for contact predicts what is left, at rest, no worse."""
+    difference = compare(judged(size, 1), judged(1.0, 2, used=0.3))
+    assert difference.is_better is better
+    assert "70 % more samples used" in str(difference)
+    assert compare(judged(1.0, 2, used=0.3), judged(size, 1)).is_worse
+
+
 def test_one_bad_stretch_is_no_reason():
     """A single segment decides the mean, which the jackknife detects."""
     old = judged(1.0, 1)
