@@ -119,22 +119,19 @@ def log_by_log_with_slopes(function: Callable[..., Any]) -> Callable[..., Any]:
     def forward(*primals: Any) -> tuple[Any, Any]:
         leaves, tree = jax.tree.flatten(primals)
         asked = [x.perturbed for x in leaves]
-        structure: Any = None
 
-        def one_log(*values: Array) -> tuple[Any, list[Array]]:
-            nonlocal structure
-            found, pull = jax.vjp(*of_some(function, asked, jax.tree.unflatten(tree, values)))
-            kept, structure = jax.tree.flatten(pull)
-            return found, kept
+        def one_log(*values: Array) -> tuple[Any, Any]:
+            return jax.vjp(*of_some(function, asked, jax.tree.unflatten(tree, values)))
 
         values = [x.value for x in leaves]
         # Traced only here: another trace may keep other residuals, and the loop and the reverse pass rely on these.
         traced, shapes = jax.make_jaxpr(one_log, return_shape=True)(*values)
 
-        def as_traced(*values: Array) -> tuple[Any, list[Array]]:
+        def as_traced(*values: Array) -> tuple[Any, Any]:
             return jax.tree.unflatten(jax.tree.structure(shapes), jaxpr_as_fun(traced)(*values))
 
-        found, kept = _differentiated_once(log_by_log(as_traced))(*values)
+        found, pull = _differentiated_once(log_by_log(as_traced))(*values)
+        kept, structure = jax.tree.flatten(pull)
         if len(kept) > SLOTS:
             raise ValueError(f"the reverse pass keeps {len(kept)} arrays, more than the {SLOTS} that there is room for")
         traces.append((structure, jax.tree.unflatten(tree, [() if a else None for a in asked])))
