@@ -5,6 +5,7 @@ The command line prints ``str(error)`` as one line and exits with ``error.exit_c
 """
 
 import os
+import sys
 from typing import Any, SupportsIndex, cast
 
 LONGEST = 2000
@@ -26,8 +27,8 @@ def cut(text: str, longest: int = LONGEST_NAME) -> str:
     return f"{text[:half]}[... {len(text) - 2 * half} characters ...]{text[-half:]}"
 
 
-def is_number(value: object, least: float, most: float) -> bool:
-    """Whether an argument is one real number from ``least`` to ``most``; text that looks like one is none."""
+def is_number(value: object, least: float = sys.float_info.min, most: float = sys.float_info.max) -> bool:
+    """Whether an argument is one real number within limits, by default positive and finite; text is none."""
     if isinstance(value, str | bytes | bool):
         return False
     try:

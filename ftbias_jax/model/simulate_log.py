@@ -1,7 +1,6 @@
 """The verb ``simulate``: a log as the robot of a setup would record it, and its ground truth."""
 
 import os
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -235,7 +234,7 @@ def check_motion(duration: float, rate: float, motion: str | Log) -> None:
     if not isinstance(motion, Log) and motion not in ("sines", "moves"):
         raise UsageError(f"got {motion!r}", field="motion", remedy="give 'sines', 'moves', or a log that read_log read")
     for name, value in {"duration": duration, "rate": rate}.items():
-        if not is_number(value, sys.float_info.min, sys.float_info.max):
+        if not is_number(value):
             raise UsageError(f"must be a positive number, not {value!r}", field=name)
     if duration * rate > MOST_SAMPLES:
         remedy = f"ask for at most {MOST_SAMPLES} samples: seconds times rate"

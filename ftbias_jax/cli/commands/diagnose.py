@@ -77,15 +77,15 @@ def run(arguments: argparse.Namespace) -> int:
     applied = arguments.apply and some_applied(diagnosis, not_stated)
     if applied and not arguments.force and (against := objection(setup, diagnosis, logs[latest])):
         not_stated, applied = (*not_stated, f"{against}; --force writes it all the same"), False
-    fixed = arguments.output if applied else None
+    fixed, output = (diagnosis.apply(setup), arguments.output) if applied else (setup, None)
     write_answers(
         {
             arguments.json: diagnosis.to_json,
             arguments.html: diagnosis.to_html,
-            fixed: lambda path: save_setup(diagnosis.apply(setup).save, path, arguments, "diagnose --apply"),
+            output: lambda path: save_setup(fixed.save, path, arguments, "diagnose --apply"),
         }
     )
-    if fixed and (events := without_events(diagnosis.apply(setup), setup)[1]):
+    if events := without_events(fixed, setup)[1]:
         only = "has times of these logs, so that this setup fits no others (ftbias calibrate leaves them out)"
         print(f"ftbias: {arguments.output}: {', '.join(events)} {only}", file=sys.stderr)
     for why in not_stated:

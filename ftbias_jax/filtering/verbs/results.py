@@ -1,7 +1,6 @@
 """Results of filtering and smoothing one log or many logs from a setup, in memory."""
 
 import os
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -98,7 +97,7 @@ class FilterResult(Filtered):
         Raises:
             UsageError: the number is negative, or the result has not all the arrays that this needs.
         """
-        if not is_number(seconds, 0.0, sys.float_info.max):
+        if not is_number(seconds, 0.0):
             raise UsageError(f"{seconds} s", field="seconds", remedy="give 0 or more")
         _require(self, "forecast", ("bias", "drift", "bias_std", "drift_std", "innovation_std"))
         return forecast(self, seconds)

@@ -1,7 +1,6 @@
 """Selection of the arrays of a result, their precision and their samples; and the metadata of a file."""
 
 import json
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -61,7 +60,7 @@ def check_selection(selection: Selection, *, smooth: bool | None = None, adapt: 
         raise UsageError(message, field="precision", remedy=f"choose from {', '.join(PRECISIONS)}")
     if not is_integer(selection.every) or selection.every < 1:
         raise UsageError(f"{selection.every} samples", field="every", remedy="give a whole number from 1 on")
-    if selection.rate is not None and not is_number(selection.rate, sys.float_info.min, sys.float_info.max):
+    if selection.rate is not None and not is_number(selection.rate):
         raise UsageError(f"{selection.rate} Hz", field="rate", remedy="give a positive number")
     if selection.rate is not None and selection.every > 1:
         raise UsageError("every and a rate were both given", field="every", remedy="leave out one of the two")
