@@ -195,6 +195,7 @@ _CONVERSIONS: dict[str, Conversion] = {
     "gravity_tilt": _renamed(gravity="gravity"),
     "mount_rotation": _mount_rotation,
     "encoder_offset": _renamed(joint="joint", offset="offset"),
+    "joint_flexibility": _renamed(),
     "gain": _renamed(gain="gain"),
     "crosstalk": _renamed(matrix="matrix"),
     "time_delay": _renamed(delay="delay"),

@@ -22,13 +22,38 @@ def gravity_tilt(values: EffectValues, signals: Signals) -> Signals:
 
 def encoder_offset(values: EffectValues, signals: Signals) -> Signals:
     """One encoder reads too high by the offset: recorded angle = true angle + offset; several if both are arrays."""
+    return subtract_offsets(_of_joints(values, "offset", signals), signals)
+
+
+def joint_flexibility(values: EffectValues, signals: Signals) -> Signals:
+    """A joint gives way under the weight it carries: true angle = recorded angle + deflection x lever.
+
+    The weights of links and tool are taken to act at the sensor's origin, because the links' are not known. The lever
+    changes so slowly that the rates of the deflection are neglected.
+    """
+    lever = _gravity_levers(signals)
+    return subtract_offsets(-_of_joints(values, "deflection", signals)[None] * lever, signals)
+
+
+def _of_joints(values: EffectValues, name: str, signals: Signals) -> Array:
+    """Parameter of one joint -> (n,) for all joints, 0 for the others."""
     own = jnp.arange(1, signals.q.shape[1] + 1) == jnp.round(values["joint"])
-    return subtract_offsets(jnp.where(own, values["offset"], 0), signals)
+    return jnp.where(own, values[name], 0)
+
+
+def _gravity_levers(signals: Signals) -> Array:
+    """Torque (T, n) Nm of a weight of 1 N at the sensor's origin about each joint; its force along a prismatic one."""
+    model, moving, cross = signals.model, motion_of(signals), partial(jnp.cross, axis=0)
+    rotation, position = moving.link_rotation[:, :, :-1], moving.link_position[:, :-1]
+    linear, axis = (jnp.einsum("abnt,nb->ant", rotation, part) for part in (model.arm.linear, model.arm.angular))
+    arm = linear + cross(position, axis) + cross(axis, moving.sensor_position[:, None])
+    down = model.gravity / jnp.sqrt(model.gravity @ model.gravity)
+    return jnp.einsum("ant,a->tn", arm, down)
 
 
 def subtract_offsets(offsets: Array, signals: Signals) -> Signals:
-    """True joint angles from the recorded ones, with an offset (n,) rad at every joint."""
-    return signals._replace(q=signals.q - offsets[None], motion=None)
+    """True joint angles from the recorded ones, with an offset (n,) or (T, n) rad at every joint."""
+    return signals._replace(q=signals.q - jnp.atleast_2d(offsets), motion=None)
 
 
 def mount_translation(values: EffectValues, signals: Signals) -> Signals:
@@ -94,7 +119,7 @@ EFFECTS = (
             Parameter("joint", "1", "number of the joint, from 1", (), 1, 64, 2.0, 0.0, search=True),
             Parameter("offset", "rad", "recorded minus true angle of the joint", (), -3.2, 3.2, 0.0, 0.0087),
         ),
-        "an encoder's zero is shifted, or the joint gives way under load, so the arm is not in the pose the log says",
+        "an encoder's zero is shifted, so the arm is not in the pose the log says",
         "re-master the joint, or add the offset to its angles, if it is as large with another load",
         transform=encoder_offset,
         needs_motion="joints",
@@ -102,10 +127,34 @@ EFFECTS = (
         twins=(
             Twin("none", True, "an offset of a joint whose axis is vertical cannot be seen in the wrench"),
             Twin("encoder_offset", False, "move the wrist: offsets of joints 4 and 6 or 2 and 4 look alike"),
+            Twin("joint_flexibility", False, "stretch and fold the arm, or carry more: an offset stays as it is"),
             Twin("gravity_tilt", False, "move joint 1 through half a turn"),
             Twin("mount_rotation", True, "the last joint, when the sensor's and tool's axis is that joint's"),
         ),
         statement=amount("joint {joint:.0f} reads {value} deg too {sign}", "offset", DEGREES, ("much", "little")),
+    ),
+    Effect(
+        "joint_flexibility",
+        "kinematics",
+        (
+            Parameter("joint", "1", "number of the joint, from 1", (), 1, 64, 2.0, 0.0, search=True),
+            Parameter(
+                "deflection",
+                "rad/m",
+                "how far the joint gives way per metre between its axis and the sensor, measured horizontally",
+                **within((), 0, 1, 0, 0.005),
+            ),
+        ),
+        "a joint gives way under the weight of arm and tool, behind its encoder",
+        "calibrate the stiffness of the joints, or measure their angles behind the gears",
+        transform=joint_flexibility,
+        needs_motion="joints",
+        fit=Fitting(ByJoint("joint", "deflection")),
+        twins=(
+            Twin("none", True, "a joint whose axis is vertical carries no weight"),
+            Twin("encoder_offset", False, "stretch and fold the arm, or carry more: an offset stays as it is"),
+        ),
+        statement=amount("joint {joint:.0f} gives way by {value} deg per metre of reach", "deflection", DEGREES),
     ),
     Effect(
         "mount_translation",

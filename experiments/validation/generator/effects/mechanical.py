@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from validation.generator.arms import Floats
+from validation.generator.arms import Arm, Floats
 from validation.generator.effects.effect import Draw, Effect, Scene
 from validation.generator.effects.sprung import Sprung
 from validation.generator.nominal_model import Tool
@@ -93,6 +93,50 @@ def encoder_offset(form: str, draw: Draw, scene: Scene) -> Effect:
 
     parameters = {"joint": column + 1, "offset": float(offset)}
     return Effect("encoder_offset", form, parameters, world=lambda world: replace(world, joint_error=error))
+
+
+def joint_flexibility(form: str, draw: Draw, scene: Scene) -> Effect:
+    """Joints that give way under the weight of links and tool. Forms: "one_joint", "all_joints"."""
+    arm, rng, g = scene.belief.arm, draw.rng, scene.belief.gravity
+    n = len(arm.home)
+    masses = np.append(rng.uniform(0.5, 1.0, n) * np.linspace(6.0, 1.0, n), scene.belief.tool.mass)
+    middles = (arm.points + np.append(arm.points[1:], arm.flange_position[None], axis=0)) / 2
+    bodies = np.append(middles, arm.flange_position[None], axis=0)
+    at_home = np.abs(_gravity_torques(arm, arm.home[None], masses, bodies, g)[0])
+    compliance = rng.uniform(0.5, 1.5, n)
+    if form == "one_joint":
+        compliance *= np.arange(n) == rng.choice(np.flatnonzero(at_home > 0.2 * at_home.max()))
+    largest = np.radians(draw.size((0.3, 0.6), (0.8, 1.5), (2.0, 4.0)))
+    compliance *= largest / np.max(compliance * at_home)
+
+    def error(q: Floats) -> Floats:
+        return -compliance * _gravity_torques(arm, q, masses, bodies, g)
+
+    parameters = {"rad_per_Nm": compliance.tolist(), "largest_at_home": largest}
+    return Effect("joint_flexibility", form, parameters, world=lambda world: replace(world, joint_error=error))
+
+
+def _gravity_torques(arm: Arm, q: Floats, masses: Floats, bodies: Floats, g: Floats) -> Floats:
+    """Torque (T, n) Nm of the weight of bodies, (n + 1,) kg at (n + 1, 3) m at q = 0, about the axes of an arm.
+
+    Body k is on link k; the last one is on the last link, too.
+    """
+    n = len(arm.home)
+    turn, shift = Rotation.from_matrix(np.tile(np.eye(3), (len(q), 1, 1))), np.zeros((len(q), 3))
+    axes, points, centres = [], [], []
+    for k in range(n):
+        axes.append(turn.apply(arm.axes[k]))
+        points.append(turn.apply(arm.points[k]) + shift)
+        turn = turn * Rotation.from_rotvec(q[:, k, None] * arm.axes[k])
+        shift = points[k] - turn.apply(arm.points[k])
+        centres.append(turn.apply(bodies[k]) + shift)
+    centres.append(turn.apply(bodies[n]) + shift)
+    torques = np.zeros((len(q), n))
+    for k in range(n):
+        for body in range(k, n + 1):
+            moment = np.cross(centres[body] - points[k], masses[body] * g)
+            torques[:, k] += np.einsum("ti,ti->t", moment, axes[k])
+    return torques
 
 
 def cable(form: str, draw: Draw, scene: Scene) -> Effect:
