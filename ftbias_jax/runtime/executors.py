@@ -5,6 +5,7 @@ If the operating system kills a local process, the tasks lost with it are retrie
 
 import importlib
 import multiprocessing
+import pickle
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
@@ -27,6 +28,8 @@ MOST_TOGETHER = 32
 """Maximum number of tasks per bundle."""
 TRIES = 2
 """Number of attempts at a task whose worker is lost each time, before it is given up."""
+NOT_PORTABLE = (pickle.PickleError, AttributeError, ImportError, TypeError)
+"""Errors of a call that cannot be sent to a worker, or whose result cannot be sent back: no worker was lost."""
 PATIENCE = 20
 """s within which a cluster's scheduler must answer."""
 
@@ -49,8 +52,11 @@ def run_with(
             dispatch one; 0 = one task per bundle, also suitable where tasks hold much data.
 
     Raises:
-        UsageError: the executor accepts no more tasks.
+        UsageError: it is no executor, it accepts no more tasks, or its workers cannot load the call or return a result.
     """
+    if not hasattr(executor, "submit"):
+        remedy = "give a concurrent.futures.Executor, as dask.distributed.Client(ADDRESS).get_executor()"
+        raise UsageError(f"got {executor!r}, which is no executor", field="executor", remedy=remedy)
     waiting, together = iter(tasks), 1
     flying = dict[Future[tuple[list[Result], Exception | None, float]], tuple[tuple[Task, ...], int]]()
 
@@ -69,7 +75,12 @@ def run_with(
             return
         for future in wait(flying, return_when=FIRST_COMPLETED).done:
             bundle, tried = flying.pop(future)
-            if future.exception() is None:
+            failure = future.exception()
+            if isinstance(failure, NOT_PORTABLE):
+                remedy = "use the same versions there, and functions that are defined in a module"
+                message = f"its workers cannot load the call or return the result: {failure}"
+                raise UsageError(message, field="executor", remedy=remedy) from failure
+            if failure is None:
                 results, error, took = future.result()
                 if error is not None:
                     raise error

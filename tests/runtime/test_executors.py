@@ -70,6 +70,19 @@ def test_what_the_work_raises_is_raised_and_is_no_loss():
     assert losing.flying == 2
 
 
+def test_a_call_that_cannot_be_sent_to_a_worker_is_no_lost_worker():
+    with (
+        ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor,
+        pytest.raises(UsageError, match=r"cannot load the call.*lambda.*defined in a module"),
+    ):
+        list(run_with(executor, lambda number: number, range(2)))
+
+
+def test_the_name_of_a_cluster_is_no_executor():
+    with pytest.raises(UsageError, match=r"'dask', which is no executor.*get_executor"):
+        list(run_with("dask", str, range(2)))
+
+
 def test_only_so_many_tasks_are_taken_at_a_time():
     taken = []
 
