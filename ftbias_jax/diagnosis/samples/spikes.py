@@ -85,18 +85,28 @@ def _normal_std(x: np.ndarray) -> float:
 
 
 def _off_of_neighbours(signal: np.ndarray, off: np.ndarray) -> np.ndarray:
-    """(N, k) distance of the farther of the two neighbours from the neighbourhood of each sample; inf at the ends."""
+    """(N, k) distance of the farther neighbour from the neighbourhood of each sample; of the only one at the ends."""
     step = np.diff(signal, axis=0)
-    far = np.full_like(off, np.inf)
-    far[1:-1] = np.maximum(np.abs(off[1:-1] - step[:-1]), np.abs(off[1:-1] + step[1:]))
-    return far
+    none = np.zeros_like(off[:1])
+    of_last = np.concatenate([none, np.abs(off[1:] - step)])
+    of_next = np.concatenate([np.abs(off[:-1] + step), none])
+    return np.maximum(of_last, of_next)
 
 
 def _neighbourhood(signal: np.ndarray) -> np.ndarray:
     """(N, k) median of the three samples before and the three after each; straight lines pass unchanged."""
-    padded = np.pad(signal, ((REACH, REACH), (0, 0)), mode="reflect", reflect_type="odd")
+    padded = np.concatenate([_continued(signal)[::-1], signal, _continued(signal[::-1])])
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * REACH + 1, axis=0)
     return np.median(np.delete(windows, REACH, axis=-1), -1)
+
+
+def _continued(signal: np.ndarray) -> np.ndarray:
+    """(REACH, k) samples before the first one, backwards in time: the next ones reflected about its neighbour.
+
+    The level of that neighbour is the median of the first three, so that a spike in the first is not continued.
+    """
+    after = np.minimum(np.arange(3, 3 + REACH), len(signal) - 1)
+    return np.asarray(2 * np.median(signal[:3], 0) - signal[after])
 
 
 def _local_scale(off: np.ndarray) -> np.ndarray:

@@ -5,7 +5,6 @@ that smooths velocities delays them. If they are used as stated, the tool's wren
 accelerations, which look like a filter in the sensor.
 """
 
-from math import comb
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ SLOWEST = 1 / 90
 FEWEST = 100
 """Minimum number of differences of one column to estimate its noise."""
 REGULAR = 0.1
-"""Relative variation allowed for the time steps within a difference."""
+"""Relative variation allowed for the time steps within a difference: beyond it, rows may be missing."""
 CHANGES, WHOLE = 20, 0.05
 """Minimum changes of a column to find its rounding step, and how far multiples of it may be from whole numbers."""
 LOUDER = 1.3
@@ -136,18 +135,26 @@ def scatter(t: Array, values: Array) -> Array:
     steps = np.diff(t)
     step = np.median(steps)
     regular = (np.abs(steps - step) < REGULAR * step) & (step < SLOWEST)
-    low, high = (_by_differences(values, regular, order) for order in (LOW, HIGH))
+    low, high = (_by_differences(t, values, regular, order) for order in (LOW, HIGH))
     return np.maximum(np.where(low < FLAT * high, high, 0.0), _by_rounding(values))
 
 
-def _by_differences(values: Array, regular: Array, order: int) -> Array:
-    """Noise (n,) of rows (L, n), from differences of this order between rows whose steps (L - 1,) are all regular."""
-    whole = np.lib.stride_tricks.sliding_window_view(regular, order).all(1)
+def _by_differences(t: Array, values: Array, regular: Array, order: int) -> Array:
+    """Noise (n,) of rows (L, n) at t (L,) s, from differences of this order between rows at nearly regular steps.
+
+    They are divided differences, zero for any polynomial of lower order at these times: at steps that are not quite
+    equal, plain ones would have the speed times the irregularity in them. Each is scaled to the noise of one row.
+    """
+    windows = np.lib.stride_tricks.sliding_window_view
+    whole = windows(regular, order).all(1)
     if whole.sum() < FEWEST:
         return np.zeros(values.shape[1])
-    sizes = np.abs(np.diff(values, order, axis=0))[whole]
+    at = windows(t, order + 1)[whole]
+    weights = 1 / (at[:, :, None] - at[:, None] + np.eye(order + 1)).prod(2)
+    weights /= np.sqrt((weights**2).sum(1, keepdims=True))
+    sizes = np.abs(np.einsum("wk,wnk->wn", weights, windows(values, order + 1, axis=0)[whole]))
     place = int(LARGE * len(sizes))
-    found: Array = np.partition(sizes, place, axis=0)[place] / (SHARE * np.sqrt(comb(2 * order, order)))
+    found: Array = np.partition(sizes, place, axis=0)[place] / SHARE
     return found
 
 

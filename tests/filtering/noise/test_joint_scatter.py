@@ -41,6 +41,15 @@ def test_white_noise_is_measured_at_any_speed():
     np.testing.assert_allclose(scatter(T, noisy(T)), STD, rtol=0.15)
 
 
+def test_irregular_steps_are_no_noise():
+    """At the times of the samples, which are up to 5 % of a step early or late."""
+    jitter = np.random.default_rng(1).uniform(-0.05, 0.05, len(T)) / 250
+    t = T + jitter
+    np.testing.assert_allclose(scatter(t, noisy(t)), STD, rtol=0.15)
+    speed = (moving(t + 1e-6) - moving(t - 1e-6)) / 2e-6 + 1e-3 * np.random.default_rng(2).normal(size=(len(t), 3))
+    assert not derived(t, noisy(t), speed, scatter(t, noisy(t))).any()
+
+
 def test_motion_is_no_noise():
     assert (scatter(T, moving(T)) < 0.01 * STD).all()
     slow = np.arange(400) / 50
