@@ -10,7 +10,7 @@ def rising(slope):
     return np.random.default_rng(0).normal(size=(COUNT, 6)) + slope * np.arange(COUNT)[:, None]
 
 
-@pytest.mark.parametrize("slope", [0.0, 50.0])
+@pytest.mark.parametrize("slope", [0.0, 3.0])
 @pytest.mark.parametrize("row", [0, 1, 500, COUNT - 2, COUNT - 1])
 def test_a_spike_is_found_wherever_it_is(row, slope):
     signal, hit = rising(slope), np.zeros((COUNT, 6), bool)
