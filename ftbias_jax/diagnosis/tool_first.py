@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ftbias_jax.diagnosis.candidates import Scored, score
-from ftbias_jax.diagnosis.evidence.estimates import parameters
+from ftbias_jax.diagnosis.evidence.estimates import departs, parameters
 from ftbias_jax.diagnosis.evidence.gap import CrossValidation, nats_of_joints
 from ftbias_jax.diagnosis.evidence.reading import stderr_of_reading
-from ftbias_jax.diagnosis.hypothesis import Hypothesis, at_zero, movable, neutral_of
+from ftbias_jax.diagnosis.hypothesis import at_zero, movable
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.proposals.entries import entries_of, evidence, whole_matrix
 from ftbias_jax.diagnosis.regression.fit import Fit, fit, log_likelihood_gain
@@ -207,16 +207,6 @@ def _stands_for_tool(problem: Problem, found: Searched) -> bool:
     return bool(found.accepted.hypotheses) and score(with_tool(problem, found.start), found.accepted) > LEAST_GAIN
 
 
-def _departs(problem: Problem, found: Fit, h: Hypothesis) -> bool:
-    """Whether any parameter of an effect certainly differs from the setup."""
-    effect, (values, stderr) = problem.catalogue[h.effect], parameters(problem, found, h)
-    off = [
-        np.abs(value - neutral_of(problem, effect, name)) > SURE * np.asarray(stderr[name])
-        for name, value in values.items()
-    ]
-    return any(map(np.any, off))
-
-
 def _beside_tool(
     problem: Problem, base: Fit, hold_out: CrossValidation, without: Collection[str], open_names: Collection[str]
 ) -> Searched:
@@ -231,7 +221,7 @@ def _beside_tool(
     for h in of_tool:
         rest = fit(problem, accepted.beside(h), accepted)
         held = hold_out(accepted, hold_out(rest, rest.error).error)  # the reference is held out, too
-        unsure = held.nats < SURE * held.nats_by_noise or not _departs(problem, accepted, h)
+        unsure = held.nats < SURE * held.nats_by_noise or not departs(problem, accepted, h)
         if score(accepted, rest) < LEAST_GAIN or unsure:
             accepted, stay = rest, tuple(other for other in stay if other is not h)
     if stay != of_tool:

@@ -11,11 +11,11 @@ import numpy as np
 
 from ftbias_jax.diagnosis import thresholds
 from ftbias_jax.diagnosis.candidates import Scored
-from ftbias_jax.diagnosis.evidence.estimates import Parameters, parameters, with_nominal
+from ftbias_jax.diagnosis.evidence.estimates import Parameters, departs, parameters, with_nominal
 from ftbias_jax.diagnosis.evidence.gap import CrossValidation, HeldOut, gap_removed, nats_of_joints
 from ftbias_jax.diagnosis.hypothesis import Hypothesis
 from ftbias_jax.diagnosis.problem import Problem
-from ftbias_jax.diagnosis.proposals import entries, pulls, series, touches
+from ftbias_jax.diagnosis.proposals import curves, entries, pulls, series, touches
 from ftbias_jax.diagnosis.regression.fit import Fit, fit, log_likelihood_gain
 from ftbias_jax.diagnosis.result import Candidate, FoundTerm, Gap
 from ftbias_jax.diagnosis.samples.types import Finding
@@ -27,6 +27,10 @@ CANDIDATES = 12
 
 DOUBTS = {Step: series.doubt, Touches: touches.doubt, Pull: pulls.doubt, Entries: entries.doubt}
 """Search of an effect -> (problem, fit, its hypothesis) -> why it may be something else, in words; "" = no doubt."""
+
+UNDETERMINED = "; or something that acts alike: none of its numbers is two standard errors from having no effect"
+    "; or something else that acts alike: none of its numbers is two standard errors from where it does nothing"
+)
 
 
 class Answer(NamedTuple):
@@ -215,8 +219,11 @@ def _with_other_joints(problem: Problem, cause: Candidate, ranking: Sequence[Can
 
 def doubt_of(problem: Problem, found: Fit, h: Hypothesis) -> str:
     """Why one of the causes of a fit may be something else, as the end of a sentence; "" = no reason."""
-    search = type(problem.catalogue[h.effect].fit.search)
-    return DOUBTS[search](problem, found, h) if search in DOUBTS else ""
+    how = problem.catalogue[h.effect].fit
+    doubts = [DOUBTS[type(how.search)]] if type(how.search) in DOUBTS else []
+    doubts += [curves.doubt] if how.by_load else []
+    reason = next(filter(None, (doubt(problem, found, h) for doubt in doubts)), "")
+    return reason or ("" if departs(problem, found, h) else UNDETERMINED)
 
 
 def is_sure(problem: Problem, found: Fit) -> bool:

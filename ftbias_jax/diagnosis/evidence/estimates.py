@@ -14,6 +14,7 @@ from ftbias_jax.diagnosis.regression.evaluate import whitened
 from ftbias_jax.diagnosis.regression.fit import Fit, covariance
 from ftbias_jax.diagnosis.regression.series import shaped, slope_in_time
 from ftbias_jax.diagnosis.result import Candidate, Numbers
+from ftbias_jax.diagnosis.thresholds import SURE
 from ftbias_jax.model.effects.fitting import ByJoint, Entries, Settling, Step, Touches
 from ftbias_jax.model.effects.statements import Estimate, amount
 from ftbias_jax.model.effects.types import Effect
@@ -66,6 +67,16 @@ def parameters(
         return _of_series(problem, fit, hypothesis, of_series, of_time)
     by_forms = spread_by_other_forms(problem, fit, hypothesis) if either else 0.0
     return _of_coordinates(problem, fit, hypothesis, fit.spread(hypothesis, spread) + by_forms)
+
+
+def departs(problem: Problem, found: Fit, h: Hypothesis) -> bool:
+    """Whether any strength of an effect certainly differs from its neutral value, which may be that of the setup."""
+    effect, (values, stderr) = problem.catalogue[h.effect], parameters(problem, found, h)
+    off = [
+        np.abs(values[one.name] - neutral_of(problem, effect, one.name)) <= SURE * np.asarray(stderr[one.name], float)
+        for one in strengths(effect)
+    ]
+    return not off or not all(map(np.all, off))
 
 
 def form_error(problem: Problem, effect: str) -> float:

@@ -153,6 +153,8 @@ class Fitting(NamedTuple):
     """Effect that this one generalises; that one is kept unless the further parameters of this one are worth it."""
     any_shape: bool = False
     """Whether it can take nearly any shape, so that terms compete with it even where it explains a log."""
+    by_load: bool = False
+    """Whether it scales the load of each channel, as a gauge that is not linear nearly does."""
     told: Callable[[dict[str, Array], Any], dict[str, Array]] | None = None
     """(values, model) -> equivalent values in the usual form."""
     possible: Callable[[dict[str, Any], dict[str, Any]], bool] | None = None

@@ -68,7 +68,7 @@ EFFECTS = (
         "the sensor's channels read a few per cent too much or too little",
         "have the sensor recalibrated, or keep this correction",
         reading=gain,
-        fit=Fitting(Linear()),
+        fit=Fitting(Linear(), by_load=True),
         twins=(
             Twin("tool_mass", True, "equal gains are a scaling of the whole tool: hang a known weight on it"),
             Twin("tool_com", False, "hang a known weight at a known lever"),
