@@ -268,12 +268,13 @@ def _judged(answer: Answer, loud: tuple[FoundTerm, ...]) -> tuple[Answer, str, t
     """Answer without what fails on held-out blocks, the verdict, and the causes that it names."""
     problem, found = answer.problem, answer.found
     causes = causes_of(answer)
-    of_samples = tuple(cause for cause in causes if cause.effect in {finding.effect for finding in found})
+    names = {finding.effect for finding in found}
+    of_samples = tuple(cause for cause in causes if cause.effect in names)
     if answer.gap.shrink < USEFUL_SHARE:
         causes = of_samples
         answer = answer._replace(accepted=answer.base) if answer.terms else _without_causes(answer)
     answer = answer._replace(terms=(*answer.terms, *loud))
-    sure = is_sure(problem, answer.accepted) and not answer.doubt
+    sure = not any(cause.doubt for cause in causes if cause.effect not in names)
     verdict = verdict_of(problem, answer.gap, len(causes), len(found), sure, len(answer.terms))
     return answer, verdict, of_samples if verdict in ("unknown", "none") else causes
 

@@ -27,10 +27,7 @@ CANDIDATES = 12
 
 DOUBTS = {Step: series.doubt, Touches: touches.doubt, Pull: pulls.doubt, Entries: entries.doubt}
 """Search of an effect -> (problem, fit, its hypothesis) -> why it may be something else, in words; "" = no doubt."""
-
 UNDETERMINED = "; or something that acts alike: none of its numbers is two standard errors from having no effect"
-    "; or something else that acts alike: none of its numbers is two standard errors from where it does nothing"
-)
 
 
 class Answer(NamedTuple):
@@ -75,10 +72,13 @@ def causes_of(answer: Answer) -> tuple[Candidate, ...]:
         if h in accepted.hypotheses[:of_tool]:
             better, worse = accepted, fit(problem, accepted.beside(h), accepted)
         twins = twins_of(problem, answer.base, accepted, h, scored)
-        named = _fitted(answer, accepted, h, answer.hold_out(better, worse.error), worse, twins)
+        held = answer.hold_out(better, worse.error)
+        named = _fitted(answer, accepted, h, held, worse, twins)
+        previous = scored[0].fit
+        if held.nats <= 0 and not departs(problem, accepted, h):
+            continue  # what came after it explains what it was accepted for
         doubt = doubt_of(problem, accepted, h) or answer.doubt
         of_mean.append(named._replace(explanation=named.explanation + doubt, doubt=doubt.removeprefix("; ")))
-        previous = scored[0].fit
     of_samples = [_of_finding(problem, finding) for finding in answer.found]
     if answer.total < thresholds.LEADS**2:
         return tuple(of_samples + of_mean)

@@ -1,5 +1,6 @@
 """The headline of a diagnosis in forty words: what was found with its value, its share of the error, and what to do."""
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
 
@@ -152,9 +153,9 @@ def _what_to_do(found: Sequence[Found]) -> tuple[str, ...]:
     """Advice from long to short: the first clause of the first remedy, and what the command can do alone."""
     remedies = (one.remedy if isinstance(one, Candidate) else one.check for one in found)
     first = next(filter(None, remedies), "")
-    for end in (";", ":", ","):
+    for end in ("[;:]", ", (?=or |and |then )"):
         if len(first.split()) > FEW_WORDS:
-            first = first.split(end)[0]
+            first = re.split(end, first)[0]
     alone = "Add it with --apply."
     return (f"{_capital(first)}, or add it with --apply.", f"{_capital(first)}.", alone) if first else (alone,)
 

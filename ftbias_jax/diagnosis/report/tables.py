@@ -15,6 +15,7 @@ from ftbias_jax.types import AXES
 
 SHOWN_OF_LONG = 3
 """Numbers that a table shows of a parameter with more than LONGEST_LIST, the most significant first."""
+SUREST = ": the surest of"
 LONGEST_LIST = 6
 """Largest number of values of one parameter that a table shows; the JSON has all."""
 
@@ -103,7 +104,9 @@ def nominal_words(candidate: Candidate) -> dict[str, str]:
 def _with_unit(candidate: Candidate, name: str, numbers: str) -> str:
     """Numbers of a parameter with their unit, where there is one."""
     unit = candidate.units.get(name, "1")
-    return numbers if unit in ("", "1") else f"{numbers} {unit}"
+    if unit in ("", "1"):
+        return numbers
+    return f"{numbers}, in {unit}" if SUREST in numbers else f"{numbers} {unit}"
 
 
 def _numbers_words(value: object, stderr: object) -> str:
@@ -118,7 +121,7 @@ def _numbers_words(value: object, stderr: object) -> str:
     for k in order[values.flat[order] != 0]:
         place = ", ".join(str(i + 1) for i in np.unravel_index(k, values.shape))
         shown.append(f"{value_words(float(values.flat[k]), float(errors.flat[k]))} at ({place})")
-    return f"{', '.join(shown)}: the surest of {values.size}"
+    return f"{', '.join(shown)}{SUREST} {values.size}"
 
 
 def twin_words(candidate: Candidate) -> list[tuple[str, str]]:

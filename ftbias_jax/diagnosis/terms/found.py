@@ -9,9 +9,9 @@ from ftbias_jax.diagnosis.evidence.estimates import FORM_ERROR
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit, covariance
 from ftbias_jax.diagnosis.result import Curve, FoundTerm, Gap, Numbers
+from ftbias_jax.diagnosis.terms import phrases
 from ftbias_jax.diagnosis.terms.describe import Description
 from ftbias_jax.diagnosis.terms.grid import free_names
-from ftbias_jax.diagnosis.terms.phrases import DRIVE_WORDS, FORM_WORDS, check, intervals_in_words, resembles
 from ftbias_jax.diagnosis.terms.select import is_gain_too
 from ftbias_jax.filtering.innovation_regression import stderr_of_reading
 from ftbias_jax.model.effects.statements import value_words
@@ -35,7 +35,7 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
     """Terms in words and numbers, in the order in which they were found."""
     if not description.steps:
         return ()
-    described = description.steps[-1].described
+    described, state = description.steps[-1].described, description.search.state
     spread = covariance(problem, described.fit)
     every_stderr = np.sqrt(np.maximum(np.diag(spread), 0))
     row, total = len(description.kept.columns.moving), max(gap.before_sigmas**2 - 1, 1e-12)
@@ -52,7 +52,7 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
         errors = np.hypot(stderr[:count], FORM_ERROR * np.abs(values))
         share = float(np.clip(step.share / total, 0, 1))
         drives = [rival.drive for rival in step.rivals]
-        drives += ["load"] if is_gain_too(term, description.search.state, problem.noise_std) else []
+        drives += ["load"] if is_gain_too(term, state, problem.noise_std) else []
         rivals = tuple(dict.fromkeys(drives))
         one = found_term(
             term,
@@ -64,12 +64,10 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
         one = one._replace(
             parameters_stderr=dict(zip(names, stderr[count:].tolist(), strict=False)) | late | at,
             equivalent_to=rivals,
-            separate_by=tuple(DRIVE_WORDS[drive].separate_by for drive in rivals),
+            separate_by=tuple(phrases.DRIVE_WORDS[drive].separate_by for drive in rivals),
             shrink=share,
-            reading_stderr=_stderr_of_reading(
-                term, description.search.state, spread[numbers, numbers], scales
-            ).tolist(),
-            curve=_curve(problem, description.search.state, described.fit, term),
+            reading_stderr=_stderr_of_reading(term, state, spread[numbers, numbers], scales).tolist(),
+            curve=_curve(problem, state, described.fit, term),
         )
         found.append(one)
     return tuple(found)
@@ -103,8 +101,8 @@ def found_term(term: Term, errors: np.ndarray, text: str, statement: str, gain: 
         point=np.asarray(term.point, float).tolist() if has_point(term) else None,
         equivalent_to=(),
         separate_by=(),
-        resembles=resembles(term),
-        check=check(term),
+        resembles=phrases.resembles(term, errors),
+        check=phrases.check(term, errors),
         held_out_gain=gain[0],
         held_out_gain_stderr=gain[1],
         shrink=0.0,
@@ -259,6 +257,8 @@ def sentence(term: Term, values: np.ndarray, stderr: np.ndarray, share: float) -
 
 def statement(term: Term, values: np.ndarray, stderr: np.ndarray, rms: str) -> str:
     """Description for a headline; several coefficients are summarised by their ``rms``, or the length of a force."""
+    if phrases.is_shift(term, stderr):
+        return phrases.shift(term, _size(term, values, stderr))
     size, units = f"about {rms}", [one.unit for one in coefficients_of(term)]
     if term.drive == "time" and {*units} <= {"N", "Nm"}:  # the rms over the whole log says little about its part
         unit = "N" if "N" in units else "Nm"
@@ -282,9 +282,9 @@ def _does(term: Term) -> str:
     numbers = {name: float(value) for name, value in term.parameters.items() if np.size(value) == 1}
     if "frequency" in numbers:
         numbers["period"] = 1 / max(numbers["frequency"], 1e-9)
-    spells = intervals_in_words(term.parameters["time"]) if "time" in term.parameters else ""
+    spells = phrases.intervals_in_words(term.parameters["time"]) if "time" in term.parameters else ""
     joints = f"joint {term.joint}" if term.joint else "all joints"
-    return FORM_WORDS[term.drive, term.form].format(**numbers, joint=term.joint, joints=joints, spells=spells)
+    return phrases.FORM_WORDS[term.drive, term.form].format(**numbers, joint=term.joint, joints=joints, spells=spells)
 
 
 def _size(term: Term, values: np.ndarray, stderr: np.ndarray) -> str:

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ftbias_jax.diagnosis.thresholds import SURE
 from ftbias_jax.model.effects.terms.types import Term
 from ftbias_jax.types import Array
 
@@ -183,6 +184,8 @@ CHECK = {
     ("time", "step"): "look at what touched the tool or was switched near it then",
 }
 """What to check for a form, if that differs from what to check for its drive."""
+OF_A_SHIFT = ("a screw or clamp of the tool that slips", "fingers of a gripper that open and close", "a part gripped")
+CHECK_OF_A_SHIFT = "look at what moved in the tool then, and tighten it"
 SLOWEST = {"mains hum": 16.0, "a structure that rings": 2.0, "a fan, pump or motor": 0.2}
 """Hz, lowest frequency of each cause; railways have the lowest mains frequency, 16.7 Hz."""
 
@@ -202,15 +205,29 @@ def intervals_in_words(times: Array) -> str:
     return " and ".join(words)
 
 
-def check(term: Term) -> str:
+def is_shift(term: Term, stderr: Array) -> bool:
+    """Whether a load has a moment but no certain mass: then something in the tool moves, and nothing is gripped."""
+    return term.form == "payload" and bool(np.all(np.abs(term.coefficients) < SURE * stderr))
+
+
+def shift(term: Term, size: str) -> str:
+    """Headline of such a load, whose mass with its standard error is the ``size``."""
+    return f"a shift of the tool's centre of mass {intervals_in_words(term.parameters['time'])}, with {size} more"
+
+
+def check(term: Term, stderr: Array) -> str:
     """What to check first; a step that stays (a single time) is a change of the tool or of the amplifier."""
+    if is_shift(term, stderr):
+        return CHECK_OF_A_SHIFT
     stays = (term.drive, term.form) == ("time", "step") and np.size(term.parameters["time"]) == 1
     of_drive = DRIVE_WORDS[term.drive].check
     return of_drive if stays else CHECK.get((term.drive, term.form), of_drive)
 
 
-def resembles(term: Term) -> tuple[str, ...]:
-    """Kinds of causes that look like a term, likeliest first."""
+def resembles(term: Term, stderr: Array) -> tuple[str, ...]:
+    """Kinds of causes that look like a term with these standard errors of its coefficients, likeliest first."""
+    if is_shift(term, stderr):
+        return OF_A_SHIFT
     first = LIKE.get((term.drive, term.form))
     others = DRIVE_WORDS[term.drive].resembles
     if term.drive == "frequency":

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ftbias_jax.diagnosis.evidence.causes import doubt_by, doubt_of
+from ftbias_jax.diagnosis.evidence import causes, estimates
+from ftbias_jax.diagnosis.evidence.causes import UNDETERMINED, doubt_by, doubt_of
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, Shaped
 from ftbias_jax.diagnosis.proposals import entries, pulls
 from ftbias_jax.diagnosis.proposals.entries import ARMS, ROTATIONS, Whole, nearest, size_of_entries
@@ -13,6 +14,13 @@ from ftbias_jax.diagnosis.regression.design_matrix import Columns
 from ftbias_jax.diagnosis.regression.fit import Fit
 from ftbias_jax.diagnosis.terms.grid import make_term
 from ftbias_jax.model.effects.catalogue import CATALOGUE
+
+
+@pytest.fixture(autouse=True)
+def certain(monkeypatch):
+    """Made-up fits have no standard errors."""
+    monkeypatch.setattr(causes, "departs", lambda *given: True)
+
 
 SIZE = size_of_entries(CATALOGUE["crosstalk"])
 OFF = ~np.eye(6, dtype=bool)
@@ -140,7 +148,18 @@ def test_a_cable_of_metres_or_anywhere_is_told_as_its_force(monkeypatch, anchor,
 def test_a_contact_that_lasts_is_doubtful(length, doubtful):
     h = Hypothesis("contact", detail=(Shaped(Event(0, 5.0, 5.0 + length), 4),), local=True)
     assert bool(doubt_of(PROBLEM, None, h)) == doubtful
-    assert doubt_of(PROBLEM, None, Hypothesis("gain")) == ""
+    assert doubt_of(PROBLEM, None, Hypothesis("tool_mass")) == ""
+
+
+@pytest.mark.parametrize(("stderr", "certain"), [(0.4, True), (0.6, False)])
+def test_a_cause_without_a_certain_number_is_doubtful(monkeypatch, stderr, certain):
+    values = {"gain": [1.02, 1.0, 1.0, 1.0, 1.0, 1.0]}
+    errors = {"gain": [0.02 * stderr, *[0.01] * 5]}
+    monkeypatch.setattr(estimates, "parameters", lambda *given: (values, errors))
+    assert estimates.departs(PROBLEM, None, Hypothesis("gain")) == certain
+    monkeypatch.setattr(causes, "departs", estimates.departs)
+    monkeypatch.setattr(causes.curves, "doubt", lambda *given: "")
+    assert doubt_of(PROBLEM, None, Hypothesis("gain")) == ("" if certain else UNDETERMINED)
 
 
 def test_terms_that_do_as_well_are_told_by_their_drives():

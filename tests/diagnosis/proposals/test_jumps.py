@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ftbias_jax.diagnosis.evidence import causes
 from ftbias_jax.diagnosis.evidence.causes import doubt_of
 from ftbias_jax.diagnosis.hypothesis import Change, Hypothesis
 from ftbias_jax.diagnosis.proposals import series
@@ -28,6 +29,7 @@ def turns_about_x(angle):
 def fitted(monkeypatch, turning, ramp=0.0):
     """A problem with only white noise, and a fit of a jump to it: the residual is noise."""
     monkeypatch.setattr(series, "whitened", lambda problem, columns: columns)
+    monkeypatch.setattr(causes, "departs", lambda *given: True)
     load = np.random.default_rng(1).normal(size=(BINS, 6))
     monkeypatch.setattr(series, "readings", lambda problem, z: load[None])
     signals = SimpleNamespace(model=SimpleNamespace(gravity=GRAVITY))

@@ -81,9 +81,24 @@ def test_every_term_has_a_headline(key):
     acts_as = "force" if form.kind == "vectors" else "wrench"
     term = make_term(*key, "sensor" if form.kind == "channels" else "base", acts_as, 2, numbers)
     count = count_columns(term)
-    said = statement(term, np.full(count, 1.5), np.full(count, 0.03), "0.35 N")
+    term, stderr = replace(term, coefficients=np.full(count, 1.5)), np.full(count, 0.03)
+    said = statement(term, np.full(count, 1.5), stderr, "0.35 N")
     described = FoundTerm(
-        *key, "base", acts_as, said, *[{}] * 4, None, (), (), resembles(term), check(term), 1.0, 0.1, 0.9, {}, said
+        *key,
+        "base",
+        acts_as,
+        said,
+        *[{}] * 4,
+        None,
+        (),
+        (),
+        resembles(term, stderr),
+        check(term, stderr),
+        1.0,
+        0.1,
+        0.9,
+        {},
+        said,
     )
     text = headline("described", GAP, (described,))
     assert_complete(text)
