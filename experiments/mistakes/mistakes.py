@@ -174,6 +174,15 @@ def joints_exchanged(tables, arrays, rng):
     _with_joints(arrays, lambda x: x[:, order])
 
 
+def one_channel_negated(tables, arrays, rng):
+    arrays["wrench"] = arrays["wrench"] * np.where(np.arange(6) == rng.integers(6), -1, 1)
+
+
+def one_joint_in_degrees(tables, arrays, rng):
+    factors = np.where(_one_of(tables, arrays, rng), 180 / np.pi, 1)
+    _with_joints(arrays, lambda x: x * factors)
+
+
 def joint_turned_round(tables, arrays, rng):
     signs = np.where(_one_of(tables, arrays, rng), -1, 1)
     _with_joints(arrays, lambda x: x * signs)
@@ -203,6 +212,8 @@ MISTAKES = {
         ),
     ),
     "q in degrees": ("angle_units", degrees),
+    "one joint in degrees": ("angle_units", one_joint_in_degrees),
+    "one channel negated": ("sign", one_channel_negated),
     "rpy in degrees": ("angle_units", rpy_in_degrees),
     "force and torque swapped": ("force_torque_swapped", swapped),
     "sensor turned 180 deg": ("sensor_axes", turned(np.diag([-1, -1, 1]))),

@@ -10,7 +10,7 @@ from ftbias_jax.check.motion import arm_motion
 from ftbias_jax.check.mounts import LEAST_TURN, OTHER_REPORT, mount_in_degrees, mounts
 from ftbias_jax.check.regression import Tool, stated_tool, without_bias
 from ftbias_jax.check.state import Alternative, State
-from ftbias_jax.types import Array
+from ftbias_jax.types import AXES, Array
 
 G, LBF, LBF_IN = 9.80665, 4.4482216, 8.8507458
 """N in a kilogram-force, N in a pound-force, and pound-force inches in 1 Nm."""
@@ -41,6 +41,7 @@ LEAST_DEGREES = 7.0
 def all_alternatives(state: State) -> Iterator[Alternative]:
     """Yield every alternative that differs from a state by one mistake; those of recorded poses are in ``poses``."""
     yield _sign(state)
+    yield from _sign_of_one(state)
     yield from _wrench_units(state)
     yield from _tool_units(state)
     yield from degrees(state)
@@ -62,6 +63,15 @@ def _sign(state: State) -> Alternative:
         0,
         setup={"sensor.reports": other},
     )
+
+
+def _sign_of_one(state: State) -> Iterator[Alternative]:
+    """Yield alternatives in which one channel has the opposite sign, as after a wrong axis in a driver."""
+    for channel in np.flatnonzero(state.case.layout.axes):
+        words = f"{AXES[channel]} has the opposite sign: negate its column in the log"
+        wrench = state.wrench * np.where(np.arange(len(AXES)) == channel, -1, 1)
+        groups = (int(channel) // 3,)
+        yield Alternative("sign", words, state.but(wrench=wrench), 3, groups=groups, like_tool=False)
 
 
 def _wrench_units(state: State) -> Iterator[Alternative]:
@@ -102,12 +112,18 @@ def _tool_units(state: State) -> Iterator[Alternative]:
 
 
 def degrees(state: State) -> Iterator[Alternative]:
-    """Yield alternatives with joints recorded in degrees; none if their values are too small, whatever the wrench."""
+    """Yield alternatives with joints recorded in degrees, all of them or one; none if their values are too small."""
     case = state.case
     setup, bins = case.setup, case.bins
     turning = setup.robot.screws[:, 3:].any(1)
     if setup.pose is not None or not (np.abs(bins.q[:, turning]) > LEAST_DEGREES).any():
         return
+    names, large = setup.robot.joint_names, turning & (np.abs(bins.q) > LEAST_DEGREES).any(0)
+    for joint in np.flatnonzero(large) if turning.sum() > 1 else ():
+        factor = np.where(np.arange(len(names)) == joint, np.pi / 180, 1)
+        motion = arm_motion(setup.robot, setup.sensor, *(x * factor for x in (bins.q, bins.dq, bins.ddq)))
+        words = f"{names[joint]} is in degrees, the other joints are not: convert it to rad before filtering"
+        yield Alternative("angle_units", words, state.but(motion=motion), 2.5)
     factor = np.where(turning, np.pi / 180, 1)
     both = 'q and dq are in degrees: set log.angle_unit = "deg"'
     only = "q is in degrees, dq is not: convert q to rad before filtering"

@@ -14,6 +14,8 @@ from ftbias_jax.check.state import Alternative, Result, State, delayed
 from ftbias_jax.setup.rotations import rotation_from_rpy
 from ftbias_jax.types import Array
 
+PRESENT = 0.5
+"""Rms of a force, as a share of the tool's weight, above which the weight may be in it."""
 WORSE = 1.15
 """Ratio of the residual to the raw variance above which a model is worse than none."""
 LEAST_OFFSET = 0.2
@@ -57,6 +59,9 @@ def absence(base: Evidence) -> Iterator[Mistake]:
     if not share.clear or abs(share.value) + 2 * share.stderr > ABSENT or base.left[0] < 1:
         return
     state = base.state
+    weight = state.tool.theta[0] * np.linalg.norm(state.gravity)
+    if not state.case.layout.touched and base.raw[0] > (PRESENT * weight) ** 2:
+        return  # what varies as much as a weight that turns is one, seen from the wrong pose
     weightless = state.but(gravity=np.zeros(3))
     if state.specific_force is not None:  # an accelerometer has gravity in it
         weightless = state.but(specific_force=None)

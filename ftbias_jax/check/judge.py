@@ -215,11 +215,12 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
     if groups == [1] and result.square[0] > BAD * base.raw[0]:
         return False  # a mistake in the force is resolved first
     other = [1 - group for group in groups if 1 - group not in groups]
-    if other and not any_tool and (result.square > 2 * np.maximum(base.result.square, base.raw))[other].any():
+    if other and not any_tool and (result.square > 2 * np.maximum(base.result.square, BAD * base.raw))[other].any():
         return False
     if base.free is not None:
         free = (base.free.square / base.raw)[groups]
-        if not (left < SAME * free + SLACK).all() or (any_tool and not (left < BETTER * free).all()):
+        clearly = any_tool or not alternative.like_tool
+        if not (left < SAME * free + SLACK).all() or (clearly and not (left < BETTER * free).all()):
             return False
         if alternative.scale and (free < BAD).all() and not _is_nearer(base, alternative, result, base.free):
             return False

@@ -151,6 +151,8 @@ class Alternative:
     setup: Mapping[str, Any] | None = None
     scale: bool = False
     """Whether it only scales the wrench or the tool."""
+    like_tool: bool = True
+    """Whether another tool may change the reading alike; if not, a free tool must be clearly worse."""
 
 
 def case_of_bins(setup: Setup, parts: Sequence[Bins], are_poses: bool = False) -> Case | None:

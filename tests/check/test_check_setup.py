@@ -15,6 +15,7 @@ from ftbias_jax.check import check_setup as module
 from ftbias_jax.check.motion import arm_motion
 from ftbias_jax.check.result import MISTAKES, Check, Mistake
 from ftbias_jax.io.cleaning import slices
+from ftbias_jax.types import AXES
 
 
 def names(check):
@@ -95,6 +96,26 @@ def test_joints_in_another_order_direction_or_zero_are_named(words):
     assert finding.mistake == "joint_convention"
     assert words in finding.remedy
     assert finding.evidence["rms_if_mended"] < 0.2 * finding.evidence["rms_as_stated"]
+
+
+@pytest.mark.parametrize("channel", range(5))  # tz has less than 1 % of the torque, which any effect may cause
+def test_one_channel_of_the_opposite_sign_is_named(channel):
+    """A turned sensor that reports the opposite sign would explain a force, and no torque beside it."""
+    tables, arrays = right_log(seed=3)
+    arrays["wrench"] = arrays["wrench"] * np.where(np.arange(6) == channel, -1, 1)
+    (finding,) = checked(tables, arrays).findings
+    assert finding.mistake == "sign"
+    assert finding.remedy.startswith(f"{AXES[channel]} has the opposite sign")
+
+
+@pytest.mark.parametrize("joint", [1, 3])
+def test_one_joint_in_degrees_is_named(joint):
+    """Its accelerations are so large that the weight seems to be absent from the reading."""
+    tables, arrays = right_log(seed=3)
+    joints(lambda _, x: np.where(np.arange(6) == joint, np.degrees(x), x))(tables, arrays)
+    (finding,) = checked(tables, arrays).findings
+    assert finding.mistake == "angle_units"
+    assert f"joint{joint + 1} is in degrees, the other joints are not" in finding.remedy
 
 
 @pytest.mark.parametrize("mistake", CHANGES)
