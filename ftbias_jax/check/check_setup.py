@@ -12,7 +12,17 @@ from ftbias_jax.check.alternatives import all_alternatives
 from ftbias_jax.check.bins import WIDTH, Bins, bins_of, join_bins
 from ftbias_jax.check.contact import UNTOUCHED, mimicked_by_contact, stamped, untouched
 from ftbias_jax.check.findings import absence, clocks, named, numbers, of_bias
-from ftbias_jax.check.judge import BAD, TIE, Evidence, best_alternatives, decisively, is_pulled, score, slightly
+from ftbias_jax.check.judge import (
+    BAD,
+    TIE,
+    Evidence,
+    best_alternatives,
+    decisively,
+    is_pulled,
+    much_is_left,
+    score,
+    slightly,
+)
 from ftbias_jax.check.mounts import mount_in_degrees
 from ftbias_jax.check.regression import TRIMS, no_tool
 from ftbias_jax.check.result import Check, Mistake
@@ -185,7 +195,8 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
         found.append(findings.as_stated(first))
     kinds = {kind.mistake for mistake in found for kind in (mistake, *mistake.alike)}
     unseen = tuple(kind for kind in undetermined(base, tool_is_stated=tool_is_stated) if kind.mistake not in kinds)
-    return Check(tuple(found), {**numbers(first, first.result), "worse_than_raw": worse}, setup.path, unseen)
+    evidence = {**numbers(first, first.result), "worse_than_raw": worse, "much_is_left": much_is_left(first)}
+    return Check(tuple(found), evidence, setup.path, unseen)
 
 
 def _is_right_where_untouched(first: Evidence) -> bool:

@@ -161,6 +161,12 @@ def noise_of_bins(state: State) -> Array:
     return np.sqrt((noise**2).sum(1) / np.median(state.case.bins.count))
 
 
+def much_is_left(base: Evidence) -> bool:
+    """Return whether the setup exactly as stated leaves more of the reading than noise and the usual effects do."""
+    noise = (CLEARLY * noise_of_bins(base.state)) ** 2
+    return bool((base.exact > np.maximum(BY_EFFECTS * base.raw, noise)).any())
+
+
 def is_pulled(base: Evidence) -> bool:
     """Return whether the stated tool and a constant force in the base frame explain a force that no tool explains.
 

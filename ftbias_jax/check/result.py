@@ -31,6 +31,10 @@ MISTAKES: Mapping[str, str] = {
     "worse_than_raw": "the model makes the reading worse than doing nothing",
 }
 """Name of every detectable mistake -> its description."""
+MUCH_IS_LEFT = (
+    "but more is left than the usual effects leave: another tool, or a mistake that is none of these; ftbias calibrate "
+    "tries tool, mounting and gravity, and ftbias diagnose tells what the rest follows"
+)
 MAX_LISTED = 4
 """Maximum number of indistinguishable mistakes listed with a mistake."""
 
@@ -151,7 +155,7 @@ class Check:
             return [f"{finding}{_shown(finding.evidence)}" for finding in self.findings]
         if not self.evidence:
             return ["no mistake found; the logs are too short to show much"]
-        return [f"no mistake found{_shown(self.evidence)}"]
+        return [f"no mistake found{_shown(self.evidence)}", *[MUCH_IS_LEFT] * bool(self.evidence.get("much_is_left"))]
 
     def open_questions(self) -> list[str]:
         """Mistakes that could not be checked, one line per remedy."""

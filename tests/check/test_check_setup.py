@@ -108,6 +108,15 @@ def test_one_channel_of_the_opposite_sign_is_named(channel):
     assert finding.remedy.startswith(f"{AXES[channel]} has the opposite sign")
 
 
+@pytest.mark.parametrize(("mass", "much"), [(0.8, False), (1.3, True)])
+def test_where_much_is_left_it_is_said_that_no_mistake_explains_it(mass, much):
+    tables, arrays = right_log(seed=3)
+    tables["tool"]["mass"] = mass
+    found = checked(tables, arrays)
+    assert names(found) == []
+    assert ("more is left than the usual effects leave" in str(found)) == much
+
+
 @pytest.mark.parametrize("joint", [1, 3])
 def test_one_joint_in_degrees_is_named(joint):
     """Its accelerations are so large that the weight seems to be absent from the reading."""
