@@ -34,6 +34,8 @@ UNITS = {
     "N and newtons of another unit of torque": (1e3, 1e6, "divide force by 1000 and torque by a million"),
 }
 """Name of units -> number of them in 1 N and in 1 Nm, and the remedy."""
+LEAST_OPPOSITE = 0.5
+"""Correlation of a channel with minus the tool's wrench below which its sign need not be tried."""
 LEAST_DEGREES = 7.0
 """If no recorded angle of a revolute joint exceeds this value, whatever its unit, the angles are not in degrees."""
 
@@ -41,7 +43,7 @@ LEAST_DEGREES = 7.0
 def all_alternatives(state: State) -> Iterator[Alternative]:
     """Yield every alternative that differs from a state by one mistake; those of recorded poses are in ``poses``."""
     yield _sign(state)
-    yield from _sign_of_one(state)
+    yield from sign_of_one(state)
     yield from _wrench_units(state)
     yield from _tool_units(state)
     yield from degrees(state)
@@ -65,9 +67,12 @@ def _sign(state: State) -> Alternative:
     )
 
 
-def _sign_of_one(state: State) -> Iterator[Alternative]:
+def sign_of_one(state: State) -> Iterator[Alternative]:
     """Yield alternatives in which one channel has the opposite sign, as after a wrong axis in a driver."""
-    for channel in np.flatnonzero(state.case.layout.axes):
+    layout = state.case.layout
+    tool, reading = (without_bias(x, layout) for x in (state.of_tool, state.wrench))
+    sizes = np.linalg.norm(tool, axis=0) * np.linalg.norm(reading, axis=0)
+    for channel in np.flatnonzero(layout.axes & ((tool * reading).sum(0) < -LEAST_OPPOSITE * sizes)):
         words = f"{AXES[channel]} has the opposite sign: negate its column in the log"
         wrench = state.wrench * np.where(np.arange(len(AXES)) == channel, -1, 1)
         groups = (int(channel) // 3,)

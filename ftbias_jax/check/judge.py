@@ -152,7 +152,13 @@ def slightly(base: Evidence, alternatives: Iterable[Alternative]) -> list[Tried]
     """Return alternatives that are better by any margin beyond chance, for signs that only a mistake can cause."""
     tried = [(alternative, alternative.state.fit()) for alternative in alternatives]
     enough = score(base, base.result) + TIE
-    return [(a, r) for a, r in tried if score(base, r) > enough and _is_sure(base, a, r)]
+    better = [(a, r) for a, r in tried if score(base, r) > enough and _is_sure(base, a, r)]
+    return [(a, r) for a, r in better if a.like_tool or _beats_any_tool(base, a, r)]
+
+
+def _beats_any_tool(base: Evidence, alternative: Alternative, result: Result) -> bool:
+    groups = list(alternative.groups)
+    return base.free is None or bool((result.square < BETTER * base.free.square)[groups].all())
 
 
 def noise_of_bins(state: State) -> Array:
@@ -226,7 +232,7 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
     if base.free is not None:
         free = (base.free.square / base.raw)[groups]
         clearly = any_tool or not alternative.like_tool
-        if not (left < SAME * free + SLACK).all() or (clearly and not (left < BETTER * free).all()):
+        if not (left < SAME * free + SLACK).all() or (clearly and not _beats_any_tool(base, alternative, result)):
             return False
         if alternative.scale and (free < BAD).all() and not _is_nearer(base, alternative, result, base.free):
             return False

@@ -98,7 +98,7 @@ def test_joints_in_another_order_direction_or_zero_are_named(words):
     assert finding.evidence["rms_if_mended"] < 0.2 * finding.evidence["rms_as_stated"]
 
 
-@pytest.mark.parametrize("channel", range(5))  # tz has less than 1 % of the torque, which any effect may cause
+@pytest.mark.parametrize("channel", range(6))
 def test_one_channel_of_the_opposite_sign_is_named(channel):
     """A turned sensor that reports the opposite sign would explain a force, and no torque beside it."""
     tables, arrays = right_log(seed=3)
