@@ -161,8 +161,10 @@ LEAST_WARMING, LEAST_TURN = 0.3, 0.02
 """K, rad: ranges of temperature (a thermometer's noise) and of a joint from which their terms are tried. [physics]"""
 
 # Single samples: spikes, size of the noise
-LEAST_RATE, LEAST_LOST, HEALTHY_RATE = 5e-4, 3, 1e-4
-"""Share and number of lost or wild samples that change an estimate; a healthy system's share. [owner] [physics]"""
+LEAST_RATE, HEALTHY_RATE = 5e-4, 1e-4
+"""Share of wild samples that changes an estimate; a healthy system's share. [owner] [physics]"""
+LEAST_LOST = 5e-3
+"""Share of lost samples that is worth a look at the driver: it costs a quarter of that in precision. [owner]"""
 SURPRISING = 8.0
 """nats; log-likelihood ratio of a count against HEALTHY_RATE that is significant. [noise] 1 in 16,000."""
 SPIKE, MIDDLE, OFF_NEIGHBOURS = 6.0, 4.0, 0.4

@@ -86,7 +86,7 @@ def find_dropped(repeated: np.ndarray, gaps: Gaps, by_chance: float = 0.0) -> Fi
     nats = log_likelihood_ratio(lost, thresholds.HEALTHY_RATE * total + by_chance)
     # Samples are lost in runs: the runs are independent, their samples are not. A single gap shows no rate.
     scatter = float(np.sqrt(max((runs(repeated) ** 2).sum() + (gaps.lost**2).sum(), 1)))
-    detected = rate >= thresholds.LEAST_RATE and lost >= thresholds.LEAST_LOST and nats > thresholds.SURPRISING
+    detected = rate >= thresholds.LEAST_LOST and nats > thresholds.SURPRISING
     detected &= lost > thresholds.SURE * scatter
     sentence = f"{copies} of {samples} rows repeat the row before, {missing} are missing from a clock of "
     sentence += f"{1e3 * gaps.period:.3g} ms" if gaps.period else "no steady period"

@@ -185,6 +185,15 @@ def test_dropped_samples(form):
         np.testing.assert_array_equal(np.isnan(found.clean_wrench).all(1), lost)
 
 
+@pytest.mark.parametrize(("rate", "expected"), [(0.003, ()), (0.02, ("dropped_samples",))])
+def test_a_few_lost_samples_are_usual(rate, expected):
+    recording = Recording(9)
+    lost = recording.rng.random(len(recording.t)) < rate
+    lost[[0, -1]] = False
+    found = recording.inspect(recording.model + recording.noise, keep=~lost)
+    assert names(found) == expected
+
+
 def test_a_single_gap_shows_no_rate_of_loss():
     """A pause of the recorder, which a rate with an error as large as itself would call a cause."""
     recording = Recording(9)
