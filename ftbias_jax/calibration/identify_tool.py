@@ -243,7 +243,8 @@ def _comments(setup: Setup, found: Identified, mounting: bool, gravity: bool, bi
     for key, rows in (("mass", slice(0, 1)), ("center_of_mass", slice(1, 4)), ("inertia", slice(4, 10))):
         errors, remarks = found.stderr[rows], [remark for remark in found.remarks[rows] if remark]
         identified = "" if np.isnan(errors).all() else f"identified ± {plain_errors(errors)}"
-        comments[f"tool.{key}"] = "; ".join(x for x in (identified, *dict.fromkeys(remarks)) if x)
+        if identified or f"tool.{key}" not in setup.comments:  # a value that is kept keeps its origin
+            comments[f"tool.{key}"] = "; ".join(x for x in (identified, *dict.fromkeys(remarks)) if x)
     if mounting:
         turned = with_errors(found.rotation, found.rotation_stderr)
         comments["sensor.rotation_rpy"] = f"turned by the identified {turned}"

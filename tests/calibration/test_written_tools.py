@@ -1,11 +1,13 @@
 """What identify writes: never a guess, never an impossible tool, and always a setup that every command reads."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import ftbias_jax as ft
+from ftbias_jax.calibration import identify_tool
 from ftbias_jax.cli.commands import demo
 from ftbias_jax.errors import SetupError
 from ftbias_jax.setup import load_setup, parse_setup
@@ -74,6 +76,13 @@ def test_a_drafted_setup_gets_the_place_of_its_sensor_and_standard_errors():
     assert (np.abs(found.tool.center_of_mass - right.tool.center_of_mass) < 4 * found.tool.center_of_mass_std).all()
     assert (found.bias.model_std > 0).all()
     assert found.comments["sensor.translation"].startswith("identified")
+
+
+def test_a_value_that_is_kept_keeps_the_comment_on_its_origin():
+    """As in a second step of calibrate, which starts from the inertia that the first one identified."""
+    found = SimpleNamespace(stderr=np.full(10, np.nan), remarks=("kept",) * 10, has_lever=False)
+    setup = replace(SETUP, comments={"tool.inertia": "identified"})
+    assert identify_tool._comments(setup, found, False, False, False).keys() == {"tool.mass", "tool.center_of_mass"}
 
 
 def test_it_is_said_when_parts_of_a_log_disagree():
