@@ -28,6 +28,7 @@ LEAST_WEIGHT_CHANGE = 1e-6
 """N, smallest change of the weight of a kilogram that is reported."""
 RESTS = 0.01
 """rad (m): joints that move less make no acceleration worth reporting."""
+ACCELERATIONS = "the tool's accelerations stay in the wrench and may be taken for contact, until the tool is identified"
 TURN_IT = "turn the sensor by 30 degrees or more about two horizontal axes, and touch nothing"
 
 
@@ -66,7 +67,7 @@ def weight_in_bias(setup: Setup, parts: Callable[[int], Iterator[Log]]) -> tuple
     what += "the tool's weight is taken as part of the bias"
     if motion.most > LEAST_WEIGHT_CHANGE:
         what += f", and each kilogram leaves up to {motion.most:.2g} N in the corrected wrench"
-    moves = "; so do its accelerations" if motion.travel > RESTS else ""
+    moves = f"; {ACCELERATIONS}" if motion.travel > RESTS else ""
     wide = np.hypot(setup.bias.initial_std, np.repeat(HEAVIEST, 3))
     guessed = with_guessed_tool(setup)
     changed = replace(
