@@ -145,7 +145,7 @@ EFFECTS = (
                 **within((), 0, 1, 0, 0.005),
             ),
         ),
-        "a joint gives way under the weight of arm and tool, behind its encoder",
+        "a joint, or what it is mounted on, gives way under the weight of arm and tool, which its encoder does not see",
         "calibrate the stiffness of the joints, or measure their angles behind the gears",
         transform=joint_flexibility,
         needs_motion="joints",
