@@ -20,8 +20,9 @@ DOUBTFUL, FAR_BETTER = 0.05, 0.03
 """The same two limits for a stated model with a smaller residual: no effect is explained that well by a mistake. If a
 sensor turns about one axis only, it may be mounted wrong while the stated tool still explains most of its reading."""
 OF_JOINTS = 0.02
-"""Maximum residual of another order, direction or zero of a joint, relative to the raw variance and to the stated
-model's residual: there are dozens of these, and one of them may by chance fit a strong cable's pull (residual 0.05)."""
+"""Maximum residual of another order, direction or zero of a joint, or sign of a channel, relative to the raw variance
+and to the stated model's residual: there are dozens of these, and one of them may by chance fit a strong cable's pull
+(residual 0.05) or another clock."""
 GOOD, GOOD_TOUCHED = 0.3, 0.1
 """Maximum residual of an alternative as a share of the raw variance; the second one where a fit may trim most bins."""
 SAME = 1.5
@@ -157,8 +158,10 @@ def slightly(base: Evidence, alternatives: Iterable[Alternative]) -> list[Tried]
 
 
 def _beats_any_tool(base: Evidence, alternative: Alternative, result: Result) -> bool:
+    """Return whether an alternative leaves nearly nothing, and clearly less than the stated tool and any other do."""
     groups = list(alternative.groups)
-    return base.free is None or bool((result.square < BETTER * base.free.square)[groups].all())
+    least = base.result.square if base.free is None else np.minimum(base.result.square, base.free.square)
+    return bool((result.square < np.minimum(OF_JOINTS * base.raw, BETTER * least))[groups].all())
 
 
 def noise_of_bins(state: State) -> Array:
@@ -224,6 +227,8 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
     touched = base.state.case.layout.touched
     if not (left < (GOOD_TOUCHED if touched else GOOD)).all():
         return False
+    if not (alternative.like_tool or _beats_any_tool(base, alternative, result)):
+        return False
     if groups == [1] and result.square[0] > BAD * base.raw[0]:
         return False  # a mistake in the force is resolved first
     other = [1 - group for group in groups if 1 - group not in groups]
@@ -231,8 +236,7 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
         return False
     if base.free is not None:
         free = (base.free.square / base.raw)[groups]
-        clearly = any_tool or not alternative.like_tool
-        if not (left < SAME * free + SLACK).all() or (clearly and not _beats_any_tool(base, alternative, result)):
+        if not (left < SAME * free + SLACK).all() or (any_tool and not (left < BETTER * free).all()):
             return False
         if alternative.scale and (free < BAD).all() and not _is_nearer(base, alternative, result, base.free):
             return False
