@@ -20,9 +20,8 @@ DOUBTFUL, FAR_BETTER = 0.05, 0.03
 """The same two limits for a stated model with a smaller residual: no effect is explained that well by a mistake. If a
 sensor turns about one axis only, it may be mounted wrong while the stated tool still explains most of its reading."""
 OF_JOINTS = 0.02
-"""Maximum residual of another order, direction or zero of a joint, or sign of a channel, relative to the raw variance
-and to the stated model's residual: there are dozens of these, and one of them may by chance fit a strong cable's pull
-(residual 0.05) or another clock."""
+"""Maximum residual of another order, direction or zero of a joint, relative to the raw variance and to the stated
+model's residual: there are dozens of these, and one of them may by chance fit a strong cable's pull (residual 0.05)."""
 GOOD, GOOD_TOUCHED = 0.3, 0.1
 """Maximum residual of an alternative as a share of the raw variance; the second one where a fit may trim most bins."""
 SAME = 1.5
@@ -158,10 +157,10 @@ def slightly(base: Evidence, alternatives: Iterable[Alternative]) -> list[Tried]
 
 
 def _beats_any_tool(base: Evidence, alternative: Alternative, result: Result) -> bool:
-    """Return whether an alternative leaves nearly nothing, and clearly less than the stated tool and any other do."""
+    """Return whether an alternative leaves no more than effects do, and clearly less than the stated or any tool."""
     groups = list(alternative.groups)
     least = base.result.square if base.free is None else np.minimum(base.result.square, base.free.square)
-    return bool((result.square < np.minimum(OF_JOINTS * base.raw, BETTER * least))[groups].all())
+    return bool((result.square < np.minimum(DOUBTFUL * base.raw, BETTER * least))[groups].all())
 
 
 def noise_of_bins(state: State) -> Array:
