@@ -72,9 +72,11 @@ def parameters(
 def departs(problem: Problem, found: Fit, h: Hypothesis) -> bool:
     """Whether any strength of an effect certainly differs from its neutral value, which may be that of the setup."""
     effect, (values, stderr) = problem.catalogue[h.effect], parameters(problem, found, h)
+    search = effect.fit.search
+    switches = [effect.parameter(search.force)] if isinstance(search, Touches) else strengths(effect)
     off = [
         np.abs(values[one.name] - neutral_of(problem, effect, one.name)) <= SURE * np.asarray(stderr[one.name], float)
-        for one in strengths(effect)
+        for one in switches
     ]
     return not off or not all(map(np.all, off))
 

@@ -162,6 +162,15 @@ def test_a_cause_without_a_certain_number_is_doubtful(monkeypatch, stderr, certa
     assert doubt_of(PROBLEM, None, Hypothesis("gain")) == ("" if certain else UNDETERMINED)
 
 
+@pytest.mark.parametrize(("force", "certain"), [(15.0, False), (500.0, True)])
+def test_an_event_is_certain_if_any_force_is(monkeypatch, force, certain):
+    errors = {"force": [[238.0, 214.0, 251.0], [200.0, 200.0, 200.0]]}
+    monkeypatch.setattr(
+        estimates, "parameters", lambda *given: ({"force": [[-15.0, 3.0, -7.0], [force, 0, 0]]}, errors)
+    )
+    assert estimates.departs(PROBLEM, None, Hypothesis("contact")) == certain
+
+
 def test_terms_that_do_as_well_are_told_by_their_drives():
     terms = [make_term(drive, "linear", "base", "force") for drive in ("velocity", "position", "velocity")]
     assert doubt_by(terms).endswith("a term does as well (drive: velocity, position)")
