@@ -8,7 +8,7 @@ from ftbias_jax.model.effects.fitting import ByJoint, Fitting, Linear
 from ftbias_jax.model.effects.statements import DEGREES, amount, angle, distance
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin, motion_of, within
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
-from ftbias_jax.model.kinematics.screws import rotation_from_vector
+from ftbias_jax.model.kinematics.screws import Arm, rotation_from_vector
 from ftbias_jax.model.wrench.inertia import turned
 from ftbias_jax.types import Array
 
@@ -32,7 +32,8 @@ def joint_flexibility(values: EffectValues, signals: Signals) -> Signals:
     The weights of links and tool are taken to act at the sensor's origin, because the links' are not known. The lever
     changes so slowly that the rates of the deflection are neglected.
     """
-    if isinstance(signals.model.arm, FreeBody):
+    carrier: Arm | FreeBody = signals.model.arm
+    if isinstance(carrier, FreeBody):
         return signals  # a recorded pose has no joints
     lever = _gravity_levers(signals)
     return subtract_offsets(-_of_joints(values, "deflection", signals)[None] * lever, signals)
