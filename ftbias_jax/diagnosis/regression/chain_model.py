@@ -55,11 +55,16 @@ def _values(signals: Signals, z: Array, catalogue: Catalogue, effects: list[Effe
 
 
 def _moved(signals: Signals, known: Values, z: Array, catalogue: Catalogue) -> Signals:
-    """Signals with the joint offsets of coordinates z (P,) and those stated in the setup taken out of the joints."""
+    """Signals with the joint offsets of coordinates z (P,) and those stated in the setup taken out of the joints.
+
+    An effect that depends on the pose gets that of all effects before it in the catalogue, stated or not.
+    """
     moving = catalogue.searched_by(ByJoint)
-    moved = compose.transform(signals, _values(signals, z, catalogue, list(moving)), catalogue)
-    stated = {effect.name: known[effect.name] for effect in moving if effect.name in known}
-    return compose.transform(moved, stated, catalogue)
+    found = _values(signals, z, catalogue, list(moving))
+    for name in (effect.name for effect in moving):
+        for values in ([known[name]] if name in known else []) + [found[name]]:
+            signals = compose.transform(signals, {name: values}, catalogue)
+    return signals
 
 
 @keep_program("catalogue")

@@ -95,6 +95,29 @@ def _of_stated_size(values: EffectValues, model: Model) -> EffectValues:
 
 EFFECTS = (
     Effect(
+        "joint_flexibility",
+        "kinematics",
+        (
+            Parameter("joint", "1", "number of the joint, from 1", (), 1, 64, 2.0, 0.0, search=True),
+            Parameter(
+                "deflection",
+                "rad/m",
+                "how far the joint gives way per metre between its axis and the sensor, measured horizontally",
+                **within((), 0, 1, 0, 0.005),
+            ),
+        ),
+        "a joint, or what it is mounted on, gives way under the weight of arm and tool, which its encoder does not see",
+        "calibrate the stiffness of the joints, or measure their angles behind the gears",
+        transform=joint_flexibility,
+        needs_motion="joints",
+        fit=Fitting(ByJoint("joint", "deflection")),
+        twins=(
+            Twin("none", True, "a joint whose axis is vertical carries no weight"),
+            Twin("encoder_offset", False, "stretch and fold the arm, or carry more: an offset stays as it is"),
+        ),
+        statement=amount("joint {joint:.0f} gives way by {value} deg per metre of reach", "deflection", DEGREES),
+    ),
+    Effect(
         "gravity_tilt",
         "kinematics",
         (
@@ -136,29 +159,6 @@ EFFECTS = (
             Twin("mount_rotation", True, "the last joint, when the sensor's and tool's axis is that joint's"),
         ),
         statement=amount("joint {joint:.0f} reads {value} deg too {sign}", "offset", DEGREES, ("much", "little")),
-    ),
-    Effect(
-        "joint_flexibility",
-        "kinematics",
-        (
-            Parameter("joint", "1", "number of the joint, from 1", (), 1, 64, 2.0, 0.0, search=True),
-            Parameter(
-                "deflection",
-                "rad/m",
-                "how far the joint gives way per metre between its axis and the sensor, measured horizontally",
-                **within((), 0, 1, 0, 0.005),
-            ),
-        ),
-        "a joint, or what it is mounted on, gives way under the weight of arm and tool, which its encoder does not see",
-        "calibrate the stiffness of the joints, or measure their angles behind the gears",
-        transform=joint_flexibility,
-        needs_motion="joints",
-        fit=Fitting(ByJoint("joint", "deflection")),
-        twins=(
-            Twin("none", True, "a joint whose axis is vertical carries no weight"),
-            Twin("encoder_offset", False, "stretch and fold the arm, or carry more: an offset stays as it is"),
-        ),
-        statement=amount("joint {joint:.0f} gives way by {value} deg per metre of reach", "deflection", DEGREES),
     ),
     Effect(
         "mount_translation",

@@ -15,6 +15,7 @@ from ftbias_jax.diagnosis.regression.coordinates import (
     values_at,
 )
 from ftbias_jax.model.effects.catalogue import CATALOGUE, Catalogue, neutral_values
+from ftbias_jax.model.effects.fitting import ByJoint
 from ftbias_jax.model.effects.types import Effect, Model, Parameter, Signals
 from ftbias_jax.model.own_effects import catalogue_with
 from ftbias_jax.model.wrench.tool_wrench import tool_parameters
@@ -24,7 +25,7 @@ MODEL = Model(None, jnp.array([0, 0, -9.81]), jnp.ones(10))
 SIZE = Parameter("size", "N", "", (3,), 0.0, 8.0, 0.0, [1.0, 2.0, 0.0])
 INFINITE = float("inf")
 BOX_ON_A_ROD = tool_parameters(jnp.asarray(0.9), jnp.array([0.0, 0.01, 0.05]), jnp.array([1e-3, 0, 0, 1e-3, 0, 1e-3]))
-BY_NUMBERS = [effect for effect in fitted_effects(CATALOGUE) if effect.name != "encoder_offset"]
+BY_NUMBERS = [effect for effect in fitted_effects(CATALOGUE) if not isinstance(effect.fit.search, ByJoint)]
 
 
 def entry(*parameters):

@@ -10,7 +10,6 @@ from ftbias_jax.diagnosis.regression.chain_model import nominal_motion, to_value
 from ftbias_jax.diagnosis.regression.coordinates import layout
 from ftbias_jax.diagnosis.regression.evaluate import readings, slopes
 from ftbias_jax.model.effects import compose
-from ftbias_jax.model.effects.kinematics import subtract_offsets
 from ftbias_jax.model.effects.types import Model, Signals
 
 
@@ -36,9 +35,9 @@ def direct(problem):
 
     @jax.jit
     def reading(z):
-        values = to_values(signals, z)
-        offsets = values.pop("encoder_offset")["offset"]
-        return compose.predict(subtract_offsets(offsets, signals), values | problem.known)[:50]
+        values, stated = to_values(signals, z), problem.known["encoder_offset"]
+        values["encoder_offset"]["offset"] += stated["offset"] * (jnp.arange(1, 4) == stated["joint"])
+        return compose.predict(signals, values | {"gain": problem.known["gain"]})[:50]
 
     return reading
 
