@@ -18,6 +18,9 @@ from ftbias_jax.model.effects.types import Effect, Model, Record, Signals, Value
 from ftbias_jax.model.wrench.batch import wrenches_in_motion
 from ftbias_jax.types import Array
 
+FIRST_KEY = 19
+"""Number of the random key of the first effect on samples: a seed gives the same log when other effects are added."""
+
 
 def predict(signals: Signals, values: Values, catalogue: Mapping[str, Effect] | None = None) -> Array:
     """Noise-free reading with the effects, without the bias process.
@@ -108,7 +111,9 @@ def record(key: Array, recorded: Record, model: Model, values: Values) -> Record
         model: the nominal model that the setup states.
         values: effect -> parameters.
     """
-    numbers = {name: i for i, name in enumerate(dict.fromkeys((*CATALOGUE, *catalogue_of(values))))}
+    built_in = [name for name, effect in CATALOGUE.items() if effect.recording]
+    own = [name for name in catalogue_of(values) if name not in CATALOGUE]
+    numbers = {name: i for i, name in enumerate((*built_in, *own), FIRST_KEY)}
     for name, effect in _acting(values):
         if effect.recording:
             completed = complete(effect, values[name], model)
