@@ -111,7 +111,7 @@ def test_an_object_that_is_no_entry_is_refused_in_a_sentence(effect, fault):
 
 def test_an_own_effect_acts_after_the_first_built_in_ones_of_its_stage():
     for stage, before, after in (
-        ("tool", "tool_inertia", "gravity_tilt"),
+        ("tool", "tool_inertia", "joint_flexibility"),
         ("environment", "contact", "mount_rotation"),
         ("sensor", "low_pass", "warmup"),
         ("bias", "bias_jump", "time_delay"),
