@@ -126,17 +126,15 @@ def degrees(state: State) -> Iterator[Alternative]:
     names, large = setup.robot.joint_names, turning & (np.abs(bins.q) > LEAST_DEGREES).any(0)
     for joint in np.flatnonzero(large) if turning.sum() > 1 else ():
         factor = np.where(np.arange(len(names)) == joint, np.pi / 180, 1)
-        motion = arm_motion(setup.robot, setup.sensor, *(x * factor for x in (bins.q, bins.dq, bins.ddq)))
         words = f"{names[joint]} is in degrees, the other joints are not: convert it to rad before filtering"
-        yield Alternative("angle_units", words, state.but(motion=motion), 2.5)
+        moved = _with_joints(state, *(x * factor for x in (bins.q, bins.dq, bins.ddq)))
+        yield Alternative("angle_units", words, moved, 2.5)
     factor = np.where(turning, np.pi / 180, 1)
     both = 'q and dq are in degrees: set log.angle_unit = "deg"'
     only = "q is in degrees, dq is not: convert q to rad before filtering"
     for rate, words, mend in ((1.0, both, {"log.angle_unit": "deg"}), (180 / np.pi, only, {})):
-        motion = arm_motion(
-            setup.robot, setup.sensor, *(x * factor * y for x, y in ((bins.q, 1.0), (bins.dq, rate), (bins.ddq, rate)))
-        )
-        yield Alternative("angle_units", words, state.but(motion=motion), 2, setup=mend)
+        moved = _with_joints(state, bins.q * factor, *(x * factor * rate for x in (bins.dq, bins.ddq)))
+        yield Alternative("angle_units", words, moved, 2, setup=mend)
         if not case.moves:
             break
 
@@ -162,8 +160,12 @@ def _joints(state: State) -> Iterator[Alternative]:
 
 def _moved(state: State, words: str, q: Array, dq: Array, ddq: Array) -> Alternative:
     """Build the ``joint_convention`` alternative with this joint motion."""
-    motion = arm_motion(state.case.setup.robot, state.case.setup.sensor, q, dq, ddq)
-    return Alternative("joint_convention", words, state.but(motion=motion), 6)
+    return Alternative("joint_convention", words, _with_joints(state, q, dq, ddq), 6)
+
+
+def _with_joints(state: State, q: Array, dq: Array, ddq: Array) -> State:
+    """Return the state with the sensor moved by this joint motion."""
+    return state.but(motion=arm_motion(state.case.setup.robot, state.case.setup.sensor, q, dq, ddq))
 
 
 def _gravity(state: State) -> Iterator[Alternative]:

@@ -26,7 +26,7 @@ from ftbias_jax.check.judge import (
 from ftbias_jax.check.mounts import mount_in_degrees
 from ftbias_jax.check.regression import TRIMS, no_tool
 from ftbias_jax.check.result import Check, Mistake
-from ftbias_jax.check.state import FEWEST, Alternative, Case, State, case_of_bins, stated
+from ftbias_jax.check.state import FEWEST, Case, State, case_of_bins, stated
 from ftbias_jax.check.undetermined import all_undetermined, undetermined
 from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.io import GivenMotion, as_motion, each_of
@@ -174,7 +174,10 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
     for _ in range(MOST_MISTAKES):
         small = base.raw[0] < FAR_SMALLER * base.exact[0]
         tried = (a for a in all_alternatives(base.state) if not (small and a.mistake in OF_AXES))
-        best = best_alternatives(base, tried) or slightly(base, _signs_of_mistakes(base.state))
+        # No effect resembles these, however little they change.
+        best = best_alternatives(base, tried) or slightly(
+            base, (*mount_in_degrees(base.state), *sign_of_one(base.state))
+        )
         part = untouched(base) if best else None
         best = [
             (alternative, result) for alternative, result in best if not mimicked_by_contact(part, alternative, result)
@@ -197,12 +200,6 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
     unseen = tuple(kind for kind in undetermined(base, tool_is_stated=tool_is_stated) if kind.mistake not in kinds)
     evidence = {**numbers(first, first.result), "worse_than_raw": worse, "much_is_left": much_is_left(first)}
     return Check(tuple(found), evidence, setup.path, unseen)
-
-
-def _signs_of_mistakes(state: State) -> Iterator[Alternative]:
-    """Yield alternatives that no effect resembles, however little they change."""
-    yield from mount_in_degrees(state)
-    yield from sign_of_one(state)
 
 
 def _is_right_where_untouched(first: Evidence) -> bool:

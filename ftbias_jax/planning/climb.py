@@ -14,8 +14,7 @@ from jaxtyping import Float
 from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import Catalogue
 from ftbias_jax.model.effects.types import Model, Signals, Values
-from ftbias_jax.model.kinematics.arm_batch import ArmMotion, arm_motion
-from ftbias_jax.model.kinematics.screws import Arm
+from ftbias_jax.model.kinematics.arm_batch import ArmMotion, arm_motion, jacobians
 from ftbias_jax.model.motion_noise import MotionNoise
 from ftbias_jax.model.wrench.tool_wrench import covariance_of_joints, joint_sensitivity
 from ftbias_jax.planning.asked import NOISE, columns
@@ -98,15 +97,6 @@ def variance(task: Task, moving: ArmMotion, speed: Float[Array, "U n"]) -> Float
     if task.noise.in_motion is not None:
         of_sample += task.noise.in_motion.variance(speed)
     return of_sample / task.noise.samples
-
-
-def jacobians(arm: Arm, moving: ArmMotion) -> Float[Array, "U 6 n"]:
-    """(U, 6, n) sensor Jacobians, base frame, of a motion whose kinematics are already computed."""
-    turned = moving.link_rotation[:, :, :-1]
-    angular = jnp.einsum("ijnu,nj->uin", turned, arm.angular)
-    linear = jnp.einsum("ijnu,nj->uin", turned, arm.linear)
-    lever = moving.link_position[:, :-1] - moving.sensor_position[:, None]
-    return jnp.concatenate([linear + jnp.cross(jnp.moveaxis(lever, 2, 0), angular, axis=1), angular], 1)
 
 
 def products(

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from ftbias_jax.model.effects.fitting import ByJoint, Fitting, Linear
 from ftbias_jax.model.effects.statements import DEGREES, amount, angle, distance
 from ftbias_jax.model.effects.types import Effect, EffectValues, Model, Parameter, Signals, Twin, motion_of, within
+from ftbias_jax.model.kinematics.arm_batch import jacobians
 from ftbias_jax.model.kinematics.recorded_pose import FreeBody
 from ftbias_jax.model.kinematics.screws import Arm, rotation_from_vector
 from ftbias_jax.model.wrench.inertia import turned
@@ -35,7 +36,9 @@ def joint_flexibility(values: EffectValues, signals: Signals) -> Signals:
     carrier: Arm | FreeBody = signals.model.arm
     if isinstance(carrier, FreeBody):
         return signals  # a recorded pose has no joints
-    lever = _gravity_levers(signals)
+    # Torque about each joint of a weight of 1 N at the sensor's origin; along a prismatic joint, its force.
+    down = signals.model.gravity / jnp.sqrt(signals.model.gravity @ signals.model.gravity)
+    lever = jnp.einsum("tin,i->tn", jacobians(carrier, motion_of(signals))[:, :3], down)
     return subtract_offsets(-_of_joints(values, "deflection", signals)[None] * lever, signals)
 
 
@@ -43,16 +46,6 @@ def _of_joints(values: EffectValues, name: str, signals: Signals) -> Array:
     """Parameter of one joint -> (n,) for all joints, 0 for the others."""
     own = jnp.arange(1, signals.q.shape[1] + 1) == jnp.round(values["joint"])
     return jnp.where(own, values[name], 0)
-
-
-def _gravity_levers(signals: Signals) -> Array:
-    """Torque (T, n) Nm of a weight of 1 N at the sensor's origin about each joint; its force along a prismatic one."""
-    model, moving, cross = signals.model, motion_of(signals), partial(jnp.cross, axis=0)
-    rotation, position = moving.link_rotation[:, :, :-1], moving.link_position[:, :-1]
-    linear, axis = (jnp.einsum("abnt,nb->ant", rotation, part) for part in (model.arm.linear, model.arm.angular))
-    arm = linear + cross(position, axis) + cross(axis, moving.sensor_position[:, None])
-    down = model.gravity / jnp.sqrt(model.gravity @ model.gravity)
-    return jnp.einsum("ant,a->tn", arm, down)
 
 
 def subtract_offsets(offsets: Array, signals: Signals) -> Signals:
@@ -93,12 +86,16 @@ def _of_stated_size(values: EffectValues, model: Model) -> EffectValues:
     return {"gravity": gravity * jnp.linalg.norm(model.gravity) / jnp.linalg.norm(gravity)}
 
 
+JOINT = Parameter("joint", "1", "number of the joint, from 1", (), 1, 64, 2.0, 0.0, search=True)
+LOAD_IT = "stretch and fold the arm, or carry more: an offset stays as it is"
+"""What separates a joint that gives way from an encoder with an offset."""
+
 EFFECTS = (
     Effect(
         "joint_flexibility",
         "kinematics",
         (
-            Parameter("joint", "1", "number of the joint, from 1", (), 1, 64, 2.0, 0.0, search=True),
+            JOINT,
             Parameter(
                 "deflection",
                 "rad/m",
@@ -113,7 +110,7 @@ EFFECTS = (
         fit=Fitting(ByJoint("joint", "deflection")),
         twins=(
             Twin("none", True, "a joint whose axis is vertical carries no weight"),
-            Twin("encoder_offset", False, "stretch and fold the arm, or carry more: an offset stays as it is"),
+            Twin("encoder_offset", False, LOAD_IT),
         ),
         statement=amount("joint {joint:.0f} gives way by {value} deg per metre of reach", "deflection", DEGREES),
     ),
@@ -143,7 +140,7 @@ EFFECTS = (
         "encoder_offset",
         "kinematics",
         (
-            Parameter("joint", "1", "number of the joint, from 1", (), 1, 64, 2.0, 0.0, search=True),
+            JOINT,
             Parameter("offset", "rad", "recorded minus true angle of the joint", (), -3.2, 3.2, 0.0, 0.0087),
         ),
         "an encoder's zero is shifted, so the arm is not in the pose the log says",
@@ -154,7 +151,7 @@ EFFECTS = (
         twins=(
             Twin("none", True, "an offset of a joint whose axis is vertical cannot be seen in the wrench"),
             Twin("encoder_offset", False, "move the wrist: offsets of joints 4 and 6 or 2 and 4 look alike"),
-            Twin("joint_flexibility", False, "stretch and fold the arm, or carry more: an offset stays as it is"),
+            Twin("joint_flexibility", False, LOAD_IT),
             Twin("gravity_tilt", False, "move joint 1 through half a turn"),
             Twin("mount_rotation", True, "the last joint, when the sensor's and tool's axis is that joint's"),
         ),

@@ -92,6 +92,15 @@ def arm_motion(arm: Arm, q: Float[Array, "n T"], dq: Float[Array, "n T"], ddq: F
     )
 
 
+def jacobians(arm: Arm, moving: ArmMotion) -> Float[Array, "U 6 n"]:
+    """(U, 6, n) sensor Jacobians, base frame, of a motion whose kinematics are already computed."""
+    turned = moving.link_rotation[:, :, :-1]
+    angular = jnp.einsum("ijnu,nj->uin", turned, arm.angular)
+    linear = jnp.einsum("ijnu,nj->uin", turned, arm.linear)
+    lever = moving.link_position[:, :-1] - moving.sensor_position[:, None]
+    return jnp.concatenate([linear + jnp.cross(jnp.moveaxis(lever, 2, 0), angular, axis=1), angular], 1)
+
+
 def _rows(matrix: Rows) -> Array:
     return jnp.stack([jnp.stack(row) for row in matrix])
 
