@@ -270,11 +270,16 @@ def _of_motion(tables: Sequence[Table], body: Table, best: Reading | None, read:
 
 
 def _degrees(read: Read) -> Keys:
-    """Key that states degrees, if a joint exceeds its limits in rad."""
+    """Key that states degrees, if a joint exceeds its limits in rad and a turn.
+
+    Less than a turn beyond the limits is another robot, or another zero of its joints: in degrees, such a joint would
+    hardly move.
+    """
     setup, log = read({})
     if not np.isfinite(log.q).any():
         return {}
     stated = setup.robot.position_limits
     limits = np.full((log.q.shape[1], 2), np.inf) if stated is None else stated
-    beyond = np.nanmax(np.abs(log.q), 0) > np.where(np.isfinite(limits), np.abs(limits), 4 * np.pi).max(1) + 0.5
+    most = np.where(np.isfinite(limits), np.abs(limits), 4 * np.pi).max(1) + 0.5
+    beyond = np.nanmax(np.abs(log.q), 0) > np.maximum(most, 2 * np.pi)
     return {"log.angle_unit": Known("deg", "because joints are beyond their limits in rad")} if beyond.any() else {}

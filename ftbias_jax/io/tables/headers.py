@@ -166,6 +166,8 @@ def matches(quantity: str, header: Sequence[str], joints: Sequence[str] | None =
     found = [*_fixed(quantity, columns), *_counted(quantity, columns, joints), *_by_joint(quantity, columns, joints)]
     if not found:
         found = [*_fixed(OTHER + quantity, columns), *_counted(OTHER + quantity, columns, joints)]
+    if not found and joints is not None:
+        found = list(_numbered_joints(quantity, columns, len(joints)))
     unique: dict[Names, Match] = {}
     for match in found:
         unique.setdefault(match.names, match)
@@ -275,7 +277,8 @@ def _named_after_joints(quantity: str, columns: Sequence[_Column], before: str, 
     """Yield columns of joints of unknown names: the last part of a path without the word for the quantity."""
     groups: dict[str, list[tuple[str, _Column]]] = {}
     for column in columns:
-        folder, *_ = column.name.rsplit("/", 2 if after else 1) if "/" in column.name else ("",)
+        folders = column.name.split("/")[: -2 if after else -1]
+        folder = "/".join(folders)
         inner = column.plain.removeprefix(_plain(folder)).strip("_")
         joint = inner[len(before) : len(inner) - len(after)]
         if inner.startswith(before) and inner.endswith(after) and len(joint) > 1 and not joint.isdecimal():
@@ -284,6 +287,18 @@ def _named_after_joints(quantity: str, columns: Sequence[_Column], before: str, 
         if len(group) > 1:
             start = f"{_plain(folder)}_" if folder else ""
             yield from _match(quantity, [column for _, column in group], start, joints=tuple(name for name, _ in group))
+
+
+def _numbered_joints(quantity: str, columns: Sequence[_Column], count: int) -> Iterator[Match]:
+    """Yield columns of numbered joints that the setup gives other names: ``actuator_1/position``, ``position/axis_1``."""
+    for before, after in (template.split("{}") for template in BY_JOINT.get(quantity, ()) if template != "{}"):
+        groups: dict[str, dict[int, _Column]] = {}
+        for column in columns:
+            if named := re.fullmatch(rf"((?:.*_)?{before}[a-z]+)_?(\d{{1,3}}){after}", column.plain):
+                groups.setdefault(named[1], {}).setdefault(int(named[2]), column)
+        for start, group in groups.items():
+            if len(group) == count and sorted(group) in (list(range(count)), list(range(1, count + 1))):
+                yield from _match(quantity, [group[i] for i in sorted(group)], start)
 
 
 def _sharing_a_start(columns: Sequence[_Column], tails: Names) -> Iterator[tuple[str, list[_Column]]]:

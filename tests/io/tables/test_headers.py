@@ -370,3 +370,11 @@ def test_other_names_of_joints_are_taken_where_there_are_no_usual_ones():
 def test_what_is_measured_of_a_joint_is_no_position():
     assert [match.names[0] for match in matches("position", [f"J{i}" for i in range(1, 7)])] == ["J1"]
     assert not matches("position", [f"torque_J{i}" for i in range(1, 7)])
+
+
+@pytest.mark.parametrize("form", ["joint_{}/position", "/joint_states/actuator{}/position", "position/axis_{}"])
+def test_numbered_joints_may_have_other_names_than_in_the_setup(form):
+    header = ["t", *(form.format(i) for i in range(1, 7)), *(f"joint_{i}/torque" for i in range(1, 7))]
+    (match,) = matches("position", header, ROBOT.joint_names)
+    assert match.names == tuple(header[1:7])
+    assert not matches("position", header, ROBOT.joint_names[:5])
