@@ -13,7 +13,8 @@ from ftbias_jax.simulators.mended import SAME, Mended, Physics, check_arm, not_e
 from ftbias_jax.simulators.xml_text import Document, numbers
 from ftbias_jax.types import Array
 
-OF_A_URDF = ("tool_mass", "tool_com", "tool_inertia", "encoder_offset")
+OF_JOINTS = "encoder_offset"
+OF_A_URDF = ("tool_mass", "tool_com", "tool_inertia", OF_JOINTS)
 """Effects that a URDF can express."""
 
 
@@ -22,7 +23,7 @@ def mend_urdf(setup: Setup, like: str, output: str, link: str = "") -> Mended:
 
     The origin of a joint with an encoder offset is rotated back by the offset (shifted, if the joint is prismatic). One
     link that is fixed to the flange, ``link`` or else the setup's ``tool.from_urdf_link``, gets mass, centre of mass
-    and inertia of the whole tool.
+    and inertia of the whole tool; findings of the joints alone do not need it.
 
     Raises:
         SetupError: the file is no URDF, its arm is not the setup's, or nothing names the tool's link.
@@ -30,19 +31,22 @@ def mend_urdf(setup: Setup, like: str, output: str, link: str = "") -> Mended:
     urdf, link = load_urdf(like), link or setup.tool.urdf_link
     if setup.robot.urdf_links is None:
         raise urdf.error("robot", "the arm of the setup is of no URDF", "state robot.urdf and tip_link in the setup")
-    if not link:
+    joints_alone = {*setup.effects} & {*OF_A_URDF} == {OF_JOINTS}
+    if not link and not joints_alone:
         raise urdf.error(
             "link", "nothing says which link is the tool", "state tool.from_urdf_link, or give --site LINK"
         )
     base, tip = setup.robot.urdf_links
     robot = urdf_robot(urdf, base, tip, setup.robot.gravity)
     check_arm(setup, robot, like, "--urdf ROBOT.urdf")
-    physics, document, pose = physics_of(setup), Document(like), fixed_pose(urdf, tip, link)
+    physics, document = physics_of(setup), Document(like)
     joints = {joint.name: joint for joint in urdf.joints.values()}
     for name, offset in zip(robot.joint_names, physics.offsets, strict=True):
         if offset:
             _move(document, joints[name], offset)
-    _write_inertial(document, document.find("link", name=link)[0], _in_link(physics, pose))
+    if link:
+        pose = fixed_pose(urdf, tip, link)
+        _write_inertial(document, document.find("link", name=link)[0], _in_link(physics, pose))
     return Mended({output: document.text}, not_expressed(setup.effects, OF_A_URDF))
 
 

@@ -67,6 +67,16 @@ def test_only_what_must_differ_does(urdf):
     assert made.files == {"mended.urdf": ARM.replace('value="0.7"', 'value="0.9"')}
 
 
+def test_offsets_of_joints_need_no_link_of_the_tool(urdf):
+    tool = {"mass": 0.7, "center_of_mass": [0, 0, 0.1]}
+    effects = {"encoder_offset": {"joint": 2, "offset": 0.03}}
+    without = mend_urdf(setup_of(urdf, effects, **tool), str(urdf), "mended.urdf").files["mended.urdf"]
+    with_link = mend_urdf(setup_of(urdf, effects), str(urdf), "mended.urdf").files["mended.urdf"]
+    assert without == with_link != ARM
+    with pytest.raises(SetupError, match="which link is the tool"):
+        mend_urdf(setup_of(urdf, effects | {"tool_mass": {"mass": 0.9}}, **tool), str(urdf), "mended.urdf")
+
+
 def test_mujoco_reads_the_inertia_of_a_link_that_had_none(urdf, tmp_path):
     start, end = ARM.index("    <inertial>"), ARM.index("  </link>\n  <joint")
     urdf.write_text(ARM[:start] + ARM[end:])
