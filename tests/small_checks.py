@@ -40,9 +40,9 @@ def motion_of_joints(t, seed=0):
     )
 
 
-def right_log(seed=0, duration=30.0, rate=100.0):
+def right_log(seed=0, duration=30.0, rate=100.0, **other_tables):
     """Tables of a setup, and arrays of a log that agrees with it."""
-    rng, tables = np.random.default_rng(seed), copy.deepcopy(TABLES)
+    rng, tables = np.random.default_rng(seed), copy.deepcopy({**TABLES, **other_tables})
     setup = ft.parse_setup(tables)
     t = np.arange(0, duration, 1 / rate)
     q, dq, ddq = motion_of_joints(t, seed)

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import combinations, product
+from itertools import combinations
 
 import numpy as np
 
 from ftbias_jax.check.motion import arm_motion
-from ftbias_jax.check.mounts import LEAST_TURN, OTHER_REPORT, mount_in_degrees, mounts
+from ftbias_jax.check.mounts import DOWN, LEAST_TURN, OTHER_REPORT, mount_in_degrees, mounts
 from ftbias_jax.check.regression import Tool, stated_tool, without_bias
 from ftbias_jax.check.state import Alternative, State
 from ftbias_jax.types import AXES, Array
@@ -171,16 +171,16 @@ def _with_joints(state: State, q: Array, dq: Array, ddq: Array) -> State:
 def _gravity(state: State) -> Iterator[Alternative]:
     if state.specific_force is not None:
         return  # an accelerometer already measures gravity
-    for axis, sign in product(range(3), (-1.0, 1.0)):
-        gravity = sign * 9.81 * np.eye(3)[axis] + 0.0
+    for gravity in DOWN:
         if np.linalg.norm(gravity - state.gravity) < 1:
             continue
+        axis = int(np.abs(gravity).argmax())
         yield Alternative(
             "gravity",
-            f"gravity points along {'+' if sign > 0 else '-'}{'xyz'[axis]} of the base frame: "
+            f"gravity points along {'+' if gravity[axis] > 0 else '-'}{'xyz'[axis]} of the base frame: "
             f"set robot.gravity = {gravity.tolist()}",
             state.but(gravity=gravity),
-            -1 if (axis, sign) == (2, -1) else 4,  # nearly all arms stand on a floor
+            -1 if gravity[2] < 0 else 4,  # nearly all arms stand on a floor
             setup={"robot.gravity": gravity.tolist()},
         )
     if not state.case.moves:

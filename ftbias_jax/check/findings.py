@@ -165,11 +165,14 @@ def _is_same(one: Alternative, other: Alternative) -> bool:
     a, b = one.setup or {}, other.setup or {}
     if one.mistake != other.mistake or a.get("sensor.reports") != b.get("sensor.reports"):
         return False
-    if one.mistake == "gravity":
+    if a.keys() & b.keys() & {"robot.gravity"}:
         g, h = (np.array(values["robot.gravity"]) for values in (a, b))
-        return bool(g @ h > np.cos(LEAST_TURN) * np.linalg.norm(g) * np.linalg.norm(h))
+        if g @ h < np.cos(LEAST_TURN) * np.linalg.norm(g) * np.linalg.norm(h):
+            return False
     if one.mistake != "sensor_axes":
         return True
+    if ("robot.gravity" in a) != ("robot.gravity" in b):
+        return False
     R, S = (rotation_from_rpy(np.array(values["sensor.rotation_rpy"])) for values in (a, b))
     return bool(np.trace(R.T @ S) > 1 + 2 * np.cos(LEAST_TURN))
 

@@ -1,6 +1,7 @@
 """Alternatives in which the sensor is mounted differently from what the setup states."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import permutations, product
 from typing import Any
 
@@ -24,6 +25,10 @@ LEAST_TURN = np.radians(25.0)
 """rad; a smaller rotation of the sensor is an effect (mount_rotation), not a mistake."""
 LEAST_ALIKE = 0.5
 """Correlation of the rotated reading with the tool's force below which a permutation need not be fitted."""
+ALIGNED = 0.9
+"""Least correlation of the rotated reading with the tool's force for another direction of gravity to be tried."""
+DOWN = [sign * 9.81 * axis + 0.0 for axis in np.eye(3)[::-1] for sign in (-1.0, 1.0)]
+"""(3,) m/s^2 of bases that stand, hang, or are mounted on a wall."""
 SPIKE = 4.0
 """Multiple of the median reading beyond which a bin is ignored in the estimate of the rotation."""
 
@@ -41,6 +46,7 @@ def mounts(state: State) -> Iterator[Alternative]:
         if touched or sign * (P * overlap).sum() >= LEAST_ALIKE * sizes:
             yield from _parallel(state, P, sign)
     yield from _turned_freely(state)
+    yield from _turned_on_another_base(state)
 
 
 def mount_in_degrees(state: State) -> Iterator[Alternative]:
@@ -76,7 +82,7 @@ def _parallel(state: State, P: Array, sign: float) -> Iterator[Alternative]:
 
 
 def _turned_freely(state: State) -> Iterator[Alternative]:
-    """Yield the rotation that best aligns the reading with the stated tool's wrench, or its force alone (Kabsch 1976).
+    """Yield the rotation that best aligns the reading with the stated tool's wrench, or its force alone.
 
     The force determines the rotation regardless of the centre of mass.
     """
@@ -84,10 +90,39 @@ def _turned_freely(state: State) -> Iterator[Alternative]:
         return  # too few bins are kept to fit three more parameters
     force, torque = (_overlap(state, axes) for axes in (slice(0, 3), slice(3, 6)))
     for rank, overlap in enumerate((force[0] / force[1] + torque[0] / torque[1], force[0]), 7):
-        U, _, V = np.linalg.svd(overlap)
-        P = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ V))]) @ V
+        P = _nearest_rotation(overlap)
         if np.trace(P) < 1 + 2 * np.cos(LEAST_TURN):
             yield _mount(state, P, rank)
+
+
+def _turned_on_another_base(state: State) -> Iterator[Alternative]:
+    """Yield the rotation that best aligns the forces if gravity has another direction, or the report another sign.
+
+    Of an arm on a ceiling whose sensor is turned by 30 degrees, neither gravity nor the mount alone explains the force.
+    """
+    if state.case.layout.touched or state.specific_force is not None:
+        return
+    for gravity, sign in product(DOWN, (1.0, -1.0)):
+        elsewhere = np.linalg.norm(gravity - state.gravity) > 1
+        if not elsewhere and sign > 0:
+            continue
+        other = state.but(gravity=gravity) if elsewhere else state
+        overlap, sizes = _overlap(other, slice(0, 3))
+        P = _nearest_rotation(sign * overlap)
+        if sign * (P * overlap).sum() < ALIGNED * sizes or np.trace(P) > 1 + 2 * np.cos(LEAST_TURN):
+            continue
+        one = _mount(other, P, 8 + elsewhere + (sign < 0), sign)
+        if elsewhere:
+            words = f"the base is not level: set robot.gravity = {gravity.tolist()}, and {one.remedy}"
+            one = replace(one, remedy=words, setup={**(one.setup or {}), "robot.gravity": gravity.tolist()})
+        yield one
+
+
+def _nearest_rotation(overlap: Array) -> Array:
+    """Rotation P (3, 3) with the largest inner product with an overlap (Kabsch 1976)."""
+    U, _, V = np.linalg.svd(overlap)
+    rotation: Array = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ V))]) @ V
+    return rotation
 
 
 def _overlap(state: State, axes: slice) -> tuple[Array, float]:

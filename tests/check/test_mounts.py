@@ -89,3 +89,16 @@ def test_columns_of_a_mirrored_frame_are_told_as_a_turned_sensor_of_the_other_si
         section, name = key.split(".")
         tables[section][name] = value
     assert checked(tables, {**arrays, "wrench": mirrored}).ok
+
+
+@pytest.mark.parametrize("reports", ["wrench_on_tool", "wrench_on_sensor"])
+@pytest.mark.parametrize("gravity", [[0.0, 0.0, 9.81], [9.81, 0.0, 0.0]])
+def test_a_turned_sensor_on_an_arm_that_hangs_is_found_with_its_gravity(gravity, reports):
+    """Neither gravity nor the mount alone explains the force; accelerations distinguish the sign from gravity."""
+    tables, arrays = right_log(seed=5, robot={**TABLES["robot"], "gravity": gravity})
+    turned = read_turned(arrays, rotation_from_vector([0, 0, np.radians(35)]))
+    stated_wrong = {**tables, "robot": TABLES["robot"], "sensor": {**tables["sensor"], "reports": reports}}
+    (first,) = checked(stated_wrong, turned).findings
+    assert first.mistake == "sensor_axes"
+    assert first.setup["robot.gravity"] == gravity
+    assert first.setup.get("sensor.reports", reports) == "wrench_on_tool"

@@ -290,7 +290,7 @@ def _named_after_joints(quantity: str, columns: Sequence[_Column], before: str, 
 
 
 def _numbered_joints(quantity: str, columns: Sequence[_Column], count: int) -> Iterator[Match]:
-    """Yield columns of numbered joints that the setup gives other names: ``actuator_1/position``, ``position/axis_1``."""
+    """Yield columns of numbered joints that have other names in the setup, such as ``actuator_1/position``."""
     for before, after in (template.split("{}") for template in BY_JOINT.get(quantity, ()) if template != "{}"):
         groups: dict[str, dict[int, _Column]] = {}
         for column in columns:
