@@ -233,6 +233,10 @@ MISTAKES = {
     "two joints exchanged": ("joint_convention", joints_exchanged),
     "a joint turned round": ("joint_convention", joint_turned_round),
     "a joint from another zero": ("joint_convention", joint_from_another_zero),
+    "gravity up, sensor turned by an odd angle": (
+        "sensor_axes",
+        both(setting("robot", "gravity", [0.0, 0.0, 9.81]), odd_mount),
+    ),
 }
 """Name -> (expected finding, mistake)."""
 

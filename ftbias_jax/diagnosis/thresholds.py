@@ -141,6 +141,9 @@ SHARE_PER_NUMBER = 0.005
 MOST_CANCELLED = 100.0
 """Ratio of one part of a term to the sum of all its parts beyond which none of them is determined. [physics] The parts
 of a spring a metre long, on a robot that moves by a few centimetres, cancel to a thirtieth."""
+FAR_FROM_ZERO = 3.0
+"""Ratio of the mean of a term to its variation beyond which the zero of an angle or a place is too far away to be that
+of a cable, which is mounted so that it is slack somewhere in the range of the motion. [physics]"""
 MOST_NUMBERS, MOST_TERMS = 14, 3
 """Maximum numbers of coefficients of one term, on any channel, and of terms. [owner]"""
 TERM_WORTH, TERM_WORTH_FAR, TERM_GOES_ON = 0.25, 0.08, 0.5

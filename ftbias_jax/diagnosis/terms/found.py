@@ -10,10 +10,10 @@ from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.fit import Fit, covariance
 from ftbias_jax.diagnosis.result import Curve, FoundTerm, Gap, Numbers
 from ftbias_jax.diagnosis.terms import phrases
+from ftbias_jax.diagnosis.terms.constant import without_constant
 from ftbias_jax.diagnosis.terms.describe import Description
 from ftbias_jax.diagnosis.terms.grid import free_names
 from ftbias_jax.diagnosis.terms.select import is_gain_too
-from ftbias_jax.filtering.innovation_regression import stderr_of_reading
 from ftbias_jax.model.effects.statements import value_words
 from ftbias_jax.model.effects.terms.columns import added, at_point, columns, count_columns, has_point
 from ftbias_jax.model.effects.terms.forms import FORMS
@@ -54,6 +54,7 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
         drives = [rival.drive for rival in step.rivals]
         drives += ["load"] if is_gain_too(term, state, problem.noise_std) else []
         rivals = tuple(dict.fromkeys(drives))
+        term, of_reading = without_constant(term, state, spread[numbers, numbers], scales, problem.noise_std)
         one = found_term(
             term,
             errors,
@@ -66,24 +67,11 @@ def found_terms(problem: Problem, description: Description, gap: Gap) -> tuple[F
             equivalent_to=rivals,
             separate_by=tuple(phrases.DRIVE_WORDS[drive].separate_by for drive in rivals),
             shrink=share,
-            reading_stderr=_stderr_of_reading(term, state, spread[numbers, numbers], scales).tolist(),
+            reading_stderr=of_reading.tolist(),
             curve=_curve(problem, state, described.fit, term),
         )
         found.append(one)
     return tuple(found)
-
-
-def _stderr_of_reading(term: Term, state: State, spread: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    """(6,) N, Nm, rms over the logs, due to the coefficients, whose scaled covariance comes first, and to the form.
-
-    A part of a term that is constant over the log is indistinguishable from the bias, which is as uncertain.
-    """
-    made = np.asarray(columns(np, term, state)).transpose(1, 0, 2)
-    count = len(made)
-    by_numbers = stderr_of_reading(made * scales[:count, None, None], spread[:count, :count])
-    form = FORM_ERROR * np.asarray(added(np, term, state))
-    stderr: np.ndarray = np.hypot(by_numbers, np.sqrt((form**2).mean(0)))
-    return stderr
 
 
 def found_term(term: Term, errors: np.ndarray, text: str, statement: str, gain: tuple[float, float]) -> FoundTerm:

@@ -138,13 +138,14 @@ def change(xp: Any, terms: Mapping[str, Term], state: State) -> Array:
 
 
 def added(xp: Any, term: Term, state: State) -> Array:
-    """Change (T, 6) N, Nm that one term adds to the reading: minus columns times coefficients, computed faster."""
+    """Change (T, 6) N, Nm that one term adds to the reading: minus columns times coefficients, less the offset."""
     if acts_on_channels(term) or term.acts_as not in ("force", "torque"):
-        return -xp.einsum("tkc,k->tc", columns(xp, term, state), term.coefficients)
+        return -xp.einsum("tkc,k->tc", columns(xp, term, state), term.coefficients) - term.offset[None]
     vectors = vectors_of(xp, term, state)
     vectors = vectors[:, list(term.used)] if term.used else vectors
-    total = -xp.einsum("tvi,v->ti", vectors, term.coefficients)
-    return torques(xp, total) if term.acts_as == "torque" else forces_at(xp, term.point, total)
+    total = -xp.einsum("tvi,v->ti", vectors, term.coefficients)  # faster than by columns
+    wrench = torques(xp, total) if term.acts_as == "torque" else forces_at(xp, term.point, total)
+    return wrench - term.offset[None]
 
 
 def noise_variance(xp: Any, terms: Mapping[str, Term], state: State) -> Array:

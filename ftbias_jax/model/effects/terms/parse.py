@@ -1,6 +1,7 @@
 """The ``[[effects.term]]`` sections of a setup: any number of terms, each with its drive, form and numbers."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from ftbias_jax.setup.fields import nearest, show
 
 TERM = "term"
 """Key of the terms among the effects of a setup."""
-FIXED = ("drive", "form", "frame", "acts_as", "joint", "columns", "point", "coefficients", "text")
+FIXED = ("drive", "form", "frame", "acts_as", "joint", "columns", "point", "coefficients", "offset", "text")
 
 BY_CLOCK = ("time", "load_time", "frequency")
 """Drives of terms that depend on the time since the first sample of their log."""
@@ -91,7 +92,8 @@ def _term(section: Mapping[str, Any], number: int, error: MakeError) -> Term:
     count = count_columns(term)
     if any(not 0 <= column < count for column in used):
         raise fail("columns", f"got {show(list(used))}", f"give numbers from 0 to {count - 1}")
-    return Term(**{**vars(term), "coefficients": numbers("coefficients", len(used) or count)})
+    offset = numbers("offset", 6) if "offset" in section else np.zeros(6)
+    return replace(term, coefficients=numbers("coefficients", len(used) or count), offset=offset)
 
 
 def section_of(term: Term, text: str = "") -> dict[str, Any]:
@@ -102,7 +104,8 @@ def section_of(term: Term, text: str = "") -> dict[str, Any]:
     section |= {name: np.asarray(value, float).tolist() for name, value in term.parameters.items()}
     section |= {"columns": list(term.used)} if term.used else {}
     section |= {"point": np.asarray(term.point, float).tolist()} if has_point(term) else {}
-    return section | {"coefficients": np.asarray(term.coefficients, float).tolist()}
+    section |= {"coefficients": np.asarray(term.coefficients, float).tolist()}
+    return section | ({"offset": np.asarray(term.offset, float).tolist()} if np.any(term.offset) else {})
 
 
 def flat_numbers(terms: Mapping[str, Term]) -> dict[str, Any]:

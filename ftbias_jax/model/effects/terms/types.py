@@ -1,11 +1,12 @@
 """Types of a term, of its form, and of the state of a log from which drives are computed."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 
 from ftbias_jax.types import Array
 
@@ -88,7 +89,7 @@ class Form(NamedTuple):
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=("parameters", "point", "coefficients"),
+    data_fields=("parameters", "point", "coefficients", "offset"),
     meta_fields=("drive", "form", "frame", "acts_as", "joint", "used"),
 )
 @dataclass(frozen=True)
@@ -112,3 +113,5 @@ class Term:
     """(3,) m, sensor frame: point at which a force acts, and whose motion drives it."""
     coefficients: Array
     """(K,), one per used column."""
+    offset: Array = field(default_factory=lambda: np.zeros(6))
+    """(6,) N, Nm: part of the change of the reading that is left to the bias."""
