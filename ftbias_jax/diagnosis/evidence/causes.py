@@ -75,7 +75,7 @@ def causes_of(answer: Answer) -> tuple[Candidate, ...]:
         held = answer.hold_out(better, worse.error)
         named = _fitted(answer, accepted, h, held, worse, twins)
         previous = scored[0].fit
-        if held.nats <= 0 and not departs(problem, accepted, h):
+        if (held.nats <= 0 or answer.terms) and not departs(problem, accepted, h):
             continue  # what came after it explains what it was accepted for
         doubt = doubt_of(problem, accepted, h) or answer.doubt
         of_mean.append(named._replace(explanation=named.explanation + doubt, doubt=doubt.removeprefix("; ")))
