@@ -9,7 +9,7 @@ import numpy as np
 from ftbias_jax.check.motion import arm_motion
 from ftbias_jax.check.mounts import DOWN, LEAST_TURN, OTHER_REPORT, mount_in_degrees, mounts
 from ftbias_jax.check.regression import Tool, stated_tool, without_bias
-from ftbias_jax.check.state import Alternative, State
+from ftbias_jax.check.state import FARTHEST, LIGHTEST, Alternative, State
 from ftbias_jax.types import AXES, Array
 
 G, LBF, LBF_IN = 9.80665, 4.4482216, 8.8507458
@@ -36,6 +36,8 @@ UNITS = {
 """Name of units -> number of them in 1 N and in 1 Nm, and the remedy."""
 LEAST_OPPOSITE = 0.5
 """Correlation of a channel with minus the tool's wrench below which its sign need not be tried."""
+NEARLY_ALL = 0.85
+"""Share of the tool's mass beyond which a payload whose weight was subtracted is the tool."""
 LEAST_DEGREES = 7.0
 """If no recorded angle of a revolute joint exceeds this value, whatever its unit, the angles are not in degrees."""
 
@@ -49,6 +51,8 @@ def all_alternatives(state: State) -> Iterator[Alternative]:
     yield from degrees(state)
     yield from mount_in_degrees(state)
     yield from _gravity(state)
+    yield from hanging(state)
+    yield from _other_payload(state)
     yield from _joints(state)
     if state.case.layout.axes.all():
         yield _swapped(state)
@@ -185,6 +189,45 @@ def _gravity(state: State) -> Iterator[Alternative]:
         )
     if not state.case.moves:
         yield from _any_gravity(state)
+
+
+def hanging(state: State) -> Iterator[Alternative]:
+    """Yield the alternative that gravity and the sensor's sign are both opposite: only accelerations tell it."""
+    if state.specific_force is not None:
+        return
+    other, gravity = OTHER_REPORT[state.case.setup.sensor.reports], (0.0 - state.gravity).tolist()
+    yield Alternative(
+        "gravity",
+        f"gravity points the other way, and the sensor the other way round: set robot.gravity = {gravity} and "
+        f'sensor.reports = "{other}"',
+        state.but(gravity=-state.gravity, wrench=-state.wrench),
+        4.2,
+        setup={"robot.gravity": gravity, "sensor.reports": other},
+        like_tool=False,
+    )
+
+
+def _other_payload(state: State) -> Iterator[Alternative]:
+    """Yield the alternative that the controller has subtracted the weight of a payload which is not the tool."""
+    layout, support = state.case.layout, -np.einsum("nji,j->ni", state.motion.rotation, state.gravity)
+    columns = np.zeros((len(support), 6, 4))  # of its mass, kg, and its first moment, kg m
+    columns[:, :3, 0] = support
+    columns[:, 3:, 1:] = np.cross(np.eye(3), support[:, None]).transpose(0, 2, 1)
+    weight = layout.axes / state.case.setup.sensor.noise_std
+    design, missing = (without_bias(x, layout) for x in (columns, state.of_tool - state.wrench))
+    rows = (design * weight[:, None]).reshape(-1, 4), (missing * weight).reshape(-1)
+    mass, *moment = np.linalg.lstsq(*rows, rcond=None)[0]
+    if not LIGHTEST < mass < NEARLY_ALL * state.tool.theta[0] or np.linalg.norm(moment) > FARTHEST * mass:
+        return
+    place = ", ".join(f"{x / mass:.3f}" for x in moment)
+    yield Alternative(
+        "compensated",
+        f"the controller has subtracted the weight of {mass:.3g} kg at [{place}] m, which is not the tool: record the "
+        "raw wrench, or set the controller's payload to zero",
+        state.but(wrench=state.wrench + columns @ np.array([mass, *moment])),
+        3,
+        like_tool=False,
+    )
 
 
 def _any_gravity(state: State) -> Iterator[Alternative]:

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from ftbias_jax.check import findings, poses
-from ftbias_jax.check.alternatives import all_alternatives, sign_of_one
+from ftbias_jax.check.alternatives import all_alternatives, hanging, sign_of_one
 from ftbias_jax.check.bins import WIDTH, Bins, bins_of, join_bins
 from ftbias_jax.check.contact import UNTOUCHED, mimicked_by_contact, stamped, untouched
 from ftbias_jax.check.findings import absence, clocks, named, numbers, of_bias
@@ -41,7 +41,10 @@ PART, MOST_PARTS = 1 << 17, 16
 FAR_BETTER = 2.0
 """Margin in score by which an alternative must beat the model without a tool if the tool's weight seems absent."""
 WEAK = {"worse_than_raw", "raw_offset", "rezeroed", "compensated"}
-"""Mistakes that contact can mimic: they are reported only if trimming likely contact bins reveals no other mistake."""
+"""Mistakes that contact can mimic: they are reported only if trimming likely contact bins reveals no other mistake,
+unless undoing them explains the reading."""
+FITTED = "torque_rms_if_mended"
+"""Key of the evidence of a mistake whose undoing was fitted."""
 OF_AXES = {"sign", "gravity", "sensor_axes"}
 """Mistakes that change the direction of a weight but not its magnitude."""
 FAR_SMALLER = 0.05
@@ -131,8 +134,7 @@ def check_case(case: Case | None, setup: Setup) -> Check:
         checks.append(_check(first, tool_is_stated=not setup.tool.unknown))
         if checks[-1].ok and (first.left < BAD).all():
             break
-        mistakes = {finding.mistake for finding in checks[-1].findings}
-        if mistakes - WEAK:
+        if any(one.mistake not in WEAK or FITTED in one.evidence for one in checks[-1].findings):
             return checks[-1]
     check = next((check for check in checks if not check.ok), checks[0])
     unseen = [{kind.mistake for kind in other.undetermined} for other in checks]
@@ -176,7 +178,7 @@ def _check(first: Evidence, *, tool_is_stated: bool) -> Check:
         tried = (a for a in all_alternatives(base.state) if not (small and a.mistake in OF_AXES))
         # No effect resembles these, however little they change.
         best = best_alternatives(base, tried) or slightly(
-            base, (*mount_in_degrees(base.state), *sign_of_one(base.state))
+            base, (*mount_in_degrees(base.state), *sign_of_one(base.state), *hanging(base.state))
         )
         part = untouched(base) if best else None
         best = [

@@ -137,11 +137,12 @@ def _overlap(state: State, axes: slice) -> tuple[Array, float]:
 def _mount(state: State, P: Array, rank: float, sign: float = 1.0) -> Alternative:
     """Return the alternative of another mount P, with the tool given along the stated axes: P v_reading = v_stated."""
     words, values = _turned(state, P, sign)
-    center = P.T @ state.case.setup.tool.center_of_mass
-    values |= {"tool.center_of_mass": _list(center)}
-    remedy = f"{words}, and tool.center_of_mass = {_plain(center)} if it was meant along the axes as stated"
+    if state.case.center_is_measured:
+        center = P.T @ state.case.setup.tool.center_of_mass
+        values |= {"tool.center_of_mass": _list(center)}
+        words += f", and tool.center_of_mass = {_plain(center)} if it was meant along the axes as stated"
     wrench = sign * np.concatenate([state.wrench[:, :3] @ P.T, state.wrench[:, 3:] @ P.T], 1)
-    return Alternative("sensor_axes", remedy, state.but(wrench=wrench), rank, setup=values)
+    return Alternative("sensor_axes", words, state.but(wrench=wrench), rank, setup=values)
 
 
 def _turned(state: State, P: Array, sign: float) -> tuple[str, dict[str, Any]]:

@@ -41,6 +41,8 @@ class Case:
     log: Array
     """(N,) number of the log, or of a piece of it between two times at which the sensor was set to zero."""
     layout: Layout
+    center_is_measured: bool = True
+    """Whether the tool's centre of mass is stated by its owner, and not estimated from the wrench."""
 
     @property
     def wrench(self) -> Array:
@@ -171,7 +173,8 @@ def case_of_bins(setup: Setup, parts: Sequence[Bins], are_poses: bool = False) -
         starts = np.linspace(0, len(rows) - SEGMENT_BINS, MOST // SEGMENT_BINS).astype(int)
         rows = rows[np.unique((starts[:, None] + np.arange(SEGMENT_BINS)).ravel())]
     bins = Bins(*(None if x is None else x[rows] for x in bins))
-    case = Case(setup, bins, log[rows], make_layout(bins.t, log[rows], axes))
+    measured = not setup.tool.unknown and not setup.tool.has_errors(("center_of_mass",))
+    case = Case(setup, bins, log[rows], make_layout(bins.t, log[rows], axes), measured)
     return _with_likeliest_tool(case) if setup.tool.unknown else case
 
 

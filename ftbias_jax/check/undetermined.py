@@ -11,7 +11,7 @@ import numpy as np
 
 from ftbias_jax.check import findings, poses
 from ftbias_jax.check.alternatives import G, degrees
-from ftbias_jax.check.judge import ABSENT, BAD, BETTER, CLEAR, GOOD, GOOD_TOUCHED, TIE, Evidence, noise_of_bins
+from ftbias_jax.check.judge import ABSENT, BAD, BETTER, CLEAR, GOOD, GOOD_STRICT, TIE, Evidence, noise_of_bins
 from ftbias_jax.check.motion import data_matrices, in_sensor
 from ftbias_jax.check.regression import BLOCKS, squares, within_reach, without_bias
 from ftbias_jax.check.result import MISTAKES, Undetermined
@@ -70,7 +70,7 @@ class Imagined:
     def is_detectable(self, reading: Array, floor: Array | None = None) -> bool:
         """Return whether a mistake that makes the sensor read this (N, 6) would be reported."""
         stated, raw, right = self.of(reading, floor)
-        good = GOOD_TOUCHED if self.state.case.layout.touched else GOOD
+        good = GOOD_STRICT if self.state.case.layout.touched else GOOD
         return stated > BAD * raw and right < BETTER * stated and right < good * raw
 
 

@@ -13,7 +13,7 @@ from ftbias_jax.io.pose import in_sensor_axes, pose_entries
 from ftbias_jax.io.stamps.clock import as_stamps, on_right_clock, one_a_stamp, put_in_order, since, tidy
 from ftbias_jax.io.stamps.interpolated import readings_only
 from ftbias_jax.io.stamps.steady import on_steady_clocks
-from ftbias_jax.setup.recorded import FORCE_UNITS, TORQUE_UNITS, LogSetup
+from ftbias_jax.setup.recorded import FORCE_UNITS, LENGTH_UNITS, TORQUE_UNITS, LogSetup
 from ftbias_jax.setup.types import Setup
 from ftbias_jax.types import Array
 
@@ -83,9 +83,12 @@ def check_log(
 def check_samples(log: Log, setup: Setup, *, file: str = "", first: int = 0) -> Log:
     """Check recorded samples, or a part from sample ``first`` on; return float64 in SI units with the report's sign."""
     floats = {name: values.copy() for name, values in floats_of(log, setup, file=file, first=first).items()}
-    if setup.log.angle_unit == "deg" and setup.pose is None:
-        turns = np.abs(setup.robot.screws[:, 3:]).sum(1) > 0  # prismatic joints stay in m
-        floats |= {name: floats[name] * np.where(turns, np.pi / 180, 1.0) for name in ("q", "dq")}
+    if setup.pose is None:
+        turns = np.abs(setup.robot.screws[:, 3:]).sum(1) > 0
+        angle = np.pi / 180 if setup.log.angle_unit == "deg" else 1.0
+        unit = np.where(turns, angle, LENGTH_UNITS[setup.log.length_unit])
+        if (unit != 1).any():
+            floats |= {name: floats[name] * unit for name in ("q", "dq")}
     scale = np.repeat([FORCE_UNITS[setup.log.force_unit], TORQUE_UNITS[setup.log.torque_unit]], 3)
     with np.errstate(invalid="ignore"):  # a damaged file may have signalling NaNs
         floats["wrench"] = floats["wrench"] * (-scale if setup.sensor.reports == "wrench_on_sensor" else scale)

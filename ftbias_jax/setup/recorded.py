@@ -112,7 +112,7 @@ class LogSetup:
     acceleration_unit: str = "m/s^2"
     """One of ACCELERATION_UNITS: of an accelerometer."""
     length_unit: str = "m"
-    """One of LENGTH_UNITS: of a recorded position."""
+    """One of LENGTH_UNITS: of a recorded position, and of prismatic joints and their velocities."""
     force_unit: str = "N"
     """One of FORCE_UNITS."""
     torque_unit: str = "Nm"

@@ -29,6 +29,8 @@ DOUBTS = {Step: series.doubt, Touches: touches.doubt, Pull: pulls.doubt, Entries
 """Search of an effect -> (problem, fit, its hypothesis) -> why it may be something else, in words; "" = no doubt."""
 UNDETERMINED = "; or something that acts alike: none of its numbers is two standard errors from having no effect"
 
+UNSEEN = "; or something else: it explains nothing on blocks of the logs that its fit has not seen"
+
 
 class Answer(NamedTuple):
     """Result of a search: what explains the logs, and the gap with and without it."""
@@ -77,7 +79,7 @@ def causes_of(answer: Answer) -> tuple[Candidate, ...]:
         previous = scored[0].fit
         if (held.nats <= 0 or answer.terms) and not departs(problem, accepted, h):
             continue  # what came after it explains what it was accepted for
-        doubt = doubt_of(problem, accepted, h) or answer.doubt
+        doubt = (UNSEEN if held.nats <= 0 else doubt_of(problem, accepted, h)) or answer.doubt
         of_mean.append(named._replace(explanation=named.explanation + doubt, doubt=doubt.removeprefix("; ")))
     of_samples = [_of_finding(problem, finding) for finding in answer.found]
     if answer.total < thresholds.LEADS**2:

@@ -13,7 +13,7 @@ from ftbias_jax.diagnosis.hypothesis import Hypothesis, movable, search_of
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import whitened, with_and_without
 from ftbias_jax.diagnosis.regression.fit import Fit, covariance, fit, undamped
-from ftbias_jax.diagnosis.thresholds import CLOSE, ENTRY_STD, LIKE_A_ROTATION, PENALTY_PER_PARAMETER
+from ftbias_jax.diagnosis.thresholds import CLOSE, ENTRY_STD, LARGEST_LEAK, LIKE_A_ROTATION, PENALTY_PER_PARAMETER
 from ftbias_jax.model.effects.fitting import Entries
 from ftbias_jax.model.effects.types import Effect
 from ftbias_jax.setup.rotations import skew
@@ -22,6 +22,8 @@ ROTATIONS = np.kron(np.eye(2)[None], -skew(np.eye(3)))
 """(3, 6, 6) crosstalk of a small rotation of force and torque, per rad from nominal axes: R^T = 1 - [r]."""
 ARMS = np.kron([[[0, 0], [1, 0]]], skew(np.eye(3)))
 """(3, 6, 6) crosstalk into the torque per m of error in the point where the force acts."""
+SAME_UNIT = np.kron(np.eye(2), np.ones((3, 3))) > 0
+"""Entries of force into force, and of torque into torque."""
 
 
 class Whole(NamedTuple):
@@ -110,6 +112,11 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
         return (
             f"; or the centre of mass is not where it is stated: the crosstalk is that of a lever arm of ({metres}) m"
         )
+    named = leaks if whole.worth_its_parameters else np.zeros((6, 6))
+    if not whole.worth_its_parameters:
+        named[of_entry > 0] = [found.z[i] if i in h.free else 0.0 for i in whole.matrix.free]
+    if np.abs(named * of_entry)[SAME_UNIT].max() > LARGEST_LEAK:
+        return "; or something that acts alike: no sensor leaks so much from one channel into another"
     if share_of_gains(problem, found, h) > CLOSE:
         return "; or wrong gains of channels: force and torque are correlated in this log, so gains explain it as well"
     return ""

@@ -15,7 +15,7 @@ from ftbias_jax.diagnosis.terms.describe import Description
 from ftbias_jax.diagnosis.terms.grid import free_names
 from ftbias_jax.diagnosis.terms.select import is_gain_too
 from ftbias_jax.model.effects.statements import value_words
-from ftbias_jax.model.effects.terms.columns import added, at_point, columns, count_columns, has_point
+from ftbias_jax.model.effects.terms.columns import added, at_point, count_columns, has_point
 from ftbias_jax.model.effects.terms.forms import FORMS
 from ftbias_jax.model.effects.terms.parse import section_of
 from ftbias_jax.model.effects.terms.types import State, Term

@@ -109,6 +109,8 @@ def likely_mount(rotations: Array, gravity: Array, wrench: Array) -> Array | Non
     if len(rows) < LEAST_SAMPLES:
         return None
     support, force = -np.einsum("tji,j->ti", rotations[rows], gravity), wrench[rows, :3]
+    if not np.isfinite(force).all():
+        return None
     kept = np.ones(len(rows), bool)
     for _ in range(2):  # the second time without contact and fast motion
         swing, pull = support - support[kept].mean(0), force - force[kept].mean(0)

@@ -217,7 +217,7 @@ def _of_log(stated: Keys, path: str, tables: Sequence[Table], file: str) -> tupl
         keys |= best.keys if best else {}
         keys |= {} if static else _of_motion(tables, body, best, read)
     elif tables and "log.angle_unit" not in keys and max(table.joints for table in tables):
-        keys |= _degrees(read)
+        keys |= _joint_units(read)
     setup, log = read({})
     rotations, notes = sensor_rotations(log.t, log.q, setup, path), []
     if best and (angle := np.degrees(np.linalg.norm(vector_from_rotation(best.mount)))):
@@ -269,8 +269,8 @@ def _of_motion(tables: Sequence[Table], body: Table, best: Reading | None, read:
     return keys
 
 
-def _degrees(read: Read) -> Keys:
-    """Key that states degrees, if a joint exceeds its limits in rad and a turn.
+def _joint_units(read: Read) -> Keys:
+    """Keys that state degrees and mm, if joints exceed their limits in rad and m by far.
 
     Less than a turn beyond the limits is another robot, or another zero of its joints: in degrees, such a joint would
     hardly move.
@@ -281,5 +281,11 @@ def _degrees(read: Read) -> Keys:
     stated = setup.robot.position_limits
     limits = np.full((log.q.shape[1], 2), np.inf) if stated is None else stated
     most = np.where(np.isfinite(limits), np.abs(limits), 4 * np.pi).max(1) + 0.5
-    beyond = np.nanmax(np.abs(log.q), 0) > np.maximum(most, 2 * np.pi)
-    return {"log.angle_unit": Known("deg", "because joints are beyond their limits in rad")} if beyond.any() else {}
+    turns = np.any(setup.robot.screws[:, 3:] != 0, 1)
+    beyond = np.nanmax(np.abs(log.q), 0) > np.where(turns, np.maximum(most, 2 * np.pi), 10 * most)
+    keys: Keys = {}
+    if (beyond & turns).any():
+        keys["log.angle_unit"] = Known("deg", "because joints are beyond their limits in rad")
+    if (beyond & ~turns).any():
+        keys["log.length_unit"] = Known("mm", "because prismatic joints are far beyond their limits in m")
+    return keys

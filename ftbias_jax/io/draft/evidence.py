@@ -97,8 +97,11 @@ def weigh(
     rows = usable_rows(rotations, wrench)
     if len(rows) < LEAST_SAMPLES:
         return None
-    support = -np.einsum("tji,j->ti", rotations[rows], gravity)  # force that supports one kilogram, sensor frame
-    force, torque = wrench[rows, :3], wrench[rows, 3:]
+    whole = -np.einsum("tji,j->ti", rotations[rows], gravity)  # force that supports one kilogram, sensor frame
+    # An axis that is not measured tells nothing: zeros in it agree with any tool.
+    axes = np.isfinite(wrench[rows[0]])
+    force, torque = (np.where(axes[own], wrench[rows, own], 0.0) for own in (slice(0, 3), slice(3, 6)))
+    support = whole * axes[:3]
     kept = np.ones(len(rows), bool)
     piece = np.searchsorted(np.sort(rezeroed_at), t[rows])
     for _ in range(ROUNDS):
@@ -119,17 +122,21 @@ def weigh(
     if np.median(np.diff(t)) * LOWEST_RATE >= 1:  # static poses, between which the bias may drift
         seconds = max(1.0, kept.sum() * (1 - max(along, 0)) / (1 + max(along, 0)))
     stderr = residual / np.sqrt(turned / len(swing) * seconds)
-    arms, torques = (_about_means(x[kept], piece[kept]) for x in (support, torque))
-    moment, moment_stderr = _first_moment(arms, torques, seconds)
+    arms, torques = (_about_means(x[kept], piece[kept]) for x in (whole, torque))
+    moment, moment_stderr = _first_moment(arms, torques, seconds, axes[3:])
     center = moment / mass
     center_stderr = np.minimum(np.hypot(moment_stderr, center * stderr) / abs(mass), MOST_OPEN)
-    turn = 2 * np.arcsin(min(1.0, np.ptp(support[kept], axis=0).max() / 2 / np.linalg.norm(gravity)))
+    turn = 2 * np.arcsin(min(1.0, np.ptp(whole[kept], axis=0).max() / 2 / np.linalg.norm(gravity)))
     return ToolEstimate(float(mass), center, float(stderr), center_stderr, residual, float(turn))
 
 
 def usable_rows(rotations: Array, wrench: Array) -> Array:
-    """Rows at which orientation and wrench are known, every so many of them: about MOST_SAMPLES."""
-    complete = np.flatnonzero(np.isfinite(wrench).all(1) & np.isfinite(rotations).all((1, 2)))
+    """Rows at which orientation and wrench are known, every so many of them: about MOST_SAMPLES.
+
+    Axes without any reading are not waited for.
+    """
+    measured, oriented = np.isfinite(wrench), np.isfinite(rotations).all((1, 2))
+    complete = np.flatnonzero((measured | ~measured.any(0)).all(1) & measured.any(1) & oriented)
     return complete[:: max(1, len(complete) // MOST_SAMPLES)]
 
 
@@ -140,13 +147,13 @@ def _about_means(values: Array, piece: Array) -> Array:
     return values - means[piece]
 
 
-def _first_moment(support: Array, torque: Array, count: float) -> tuple[Array, Array]:
+def _first_moment(support: Array, torque: Array, count: float, axes: Array) -> tuple[Array, Array]:
     """(3,) m c of torque = (m c) x support + constant, by slightly regularised least squares; and standard errors.
 
     ``support`` (T, 3), the force that supports one kilogram, and ``torque`` (T, 3) Nm are relative to their means;
-    ``count`` samples are independent.
+    ``count`` samples are independent; torques about the other ``axes`` (3,) bool are not measured.
     """
-    columns = -skew(support).reshape(-1, 3)
+    columns = (-skew(support) * axes[:, None]).reshape(-1, 3)
     pull = 1e-6 * np.trace(columns.T @ columns) * np.eye(3)
     target = torque.ravel()
     moment = np.linalg.solve(columns.T @ columns + pull, columns.T @ target)
@@ -207,11 +214,13 @@ def quietest_noise(t: Array, wrench: Array, rotations: Array) -> tuple[list[floa
         rotations: (T, 3, 3) of the sensor in the base frame; NaN = not known.
 
     Returns:
-        the noise; None if there are too few samples, an axis never changes, or the log shows motion and not noise.
+        the noise, of an axis without readings that of its neighbours; None if there are too few samples, a force or
+        torque has no axis that changes, or the log shows motion and not noise.
     """
-    rows = np.isfinite(wrench).all(1)
-    t, wrench, rotations = t[rows], wrench[rows], rotations[rows]
-    if len(t) < FEWEST:
+    axes = np.isfinite(wrench).any(0)
+    rows = np.isfinite(wrench[:, axes]).all(1)
+    t, wrench, rotations = t[rows], wrench[rows][:, axes], rotations[rows]
+    if len(t) < FEWEST or not axes.reshape(2, 3).any(1).all():
         return None
     parts = list(_stretches(t))
     resting = [part for part in parts if _turned(rotations[part]) < AT_REST]
@@ -227,7 +236,10 @@ def quietest_noise(t: Array, wrench: Array, rotations: Array) -> tuple[list[floa
     if moves or not (quiet > 0).all():
         return None
     where = "of a usual second at rest" if resting else "of the quietest second of the log, never at rest"
-    return [float(f"{std:.2g}") for std in quiet], where
+    every = np.full(6, np.nan)
+    every[axes] = quiet
+    every = np.where(axes, every, np.repeat(np.nanmean(every.reshape(2, 3), 1), 3))
+    return [float(f"{std:.2g}") for std in every], where
 
 
 def scatter_in_motion(t: Array, force: Array, rotations: Array, noise_std: Array) -> float | None:

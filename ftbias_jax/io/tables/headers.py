@@ -23,15 +23,17 @@ UNITS: Mapping[str, tuple[str, Mapping[str, str]]] = {
     ),
     "angle": ("log.angle_unit", _words("rad: rad, radians, rad/s, radps; deg: deg, degrees, °, deg/s, °/s, dps")),
     "acceleration": ("log.acceleration_unit", _words("m/s^2: m/s^2, m/s2, m/s²; g: g")),
-    "force": ("log.force_unit", _words("N: n; kN: kn; mN: mn; lbf: lbf; kgf: kgf")),
+    "force": ("log.force_unit", _words("N: n; kN: kn; mN: mn; lbf: lbf, lbs, lb; kgf: kgf")),
     "torque": (
         "log.torque_unit",
         _words("Nm: nm, n m, n*m, n.m, n-m, n·m; Nmm: nmm, n mm, n-mm, mnm; Ncm: ncm, n-cm; lbf-in: lbf-in, lbf in, "
-               "lbf.in, in-lbf; lbf-ft: lbf-ft, lbf ft, ft-lbf; kgf-m: kgf-m, kgf m, kgfm; kgf-cm: kgf-cm, kgf cm, "
+               "lbf.in, lbf·in, lbfin, in-lbf, in-lb, in-lbs; lbf-ft: lbf-ft, lbf ft, lbf.ft, lbf·ft, lbfft, ft-lbf, "
+               "ft-lb, ft-lbs; kgf-m: kgf-m, kgf m, kgfm; kgf-cm: kgf-cm, kgf cm, "
                "kgfcm"),
     ),
     "temperature": ("", _words(": c, °c, degc, celsius, k, kelvin")),
     "length": ("log.length_unit", _words("m: m; mm: mm")),
+    "travel": ("log.length_unit", _words("m: [m], m/s; mm: mm, mm/s")),
 }  # fmt: skip
 """Dimension -> the setup's key that states the unit, and a map from words for units to values of that key."""
 DIMENSIONS: Mapping[str, str] = {
@@ -45,7 +47,12 @@ DIMENSIONS: Mapping[str, str] = {
     "axis_angle": "angle",
     "rpy": "angle",
 }
-"""Quantity -> dimension; a wrench has two, and quaternions and matrices none."""
+"""Quantity -> dimension; quaternions and matrices have none."""
+DIMENSIONS_OF_SEVERAL: Mapping[str, tuple[str, ...]] = {
+    "wrench": ("force", "torque"),
+    **dict.fromkeys(("position", "velocity"), ("angle", "travel")),
+}
+"""Quantity -> dimensions of its columns: joints may be revolute or prismatic."""
 OTHER = "other_"
 """Prefix of a quantity in the tables below: names that are looked for only if none of the usual ones is found."""
 Names = tuple[str, ...]
@@ -107,7 +114,18 @@ COUNTED: Mapping[str, Names] = {
     "velocity": (
         *("actual_qd", "dq", "qd", "joint_velocities", "joint_velocity", "joint_vel", "velocities", "velocity", "qvel"),
     ),
-    "other_position": ("q_actual", "q_measured", "q_meas", "jointpos", "jpos", "theta", "j", "achse", "gelenk"),
+    "other_position": (
+        "q_actual",
+        "q_measured",
+        "q_meas",
+        "jointpos",
+        "measuredjointposition",
+        "jpos",
+        "theta",
+        "j",
+        "achse",
+        "gelenk",
+    ),
     "other_velocity": ("qdot", "q_dot", "joint_speeds", "joint_speed", "jointvel", "jvel"),
     "wrench": (
         *("ft_raw_wrench", "actual_tcp_force", "k_f_ext_hat_k", "o_f_ext_hat_k", "force_torque", "ft_sensor"),
@@ -126,7 +144,7 @@ IN_BASE_AXES = ("actual_tcp_force", "o_f_ext_hat_k")
 """Wrenches that UR and Franka report in the axes of the base."""
 TO_NAME = "write the names of the columns in a first line of the file, such as # t,fx,fy,fz,tx,ty,tz,q0,q1,q2,q3,q4,q5"
 """Remedy in error messages about columns without names."""
-HALVES = re.compile(r"(|.*_)(?:(secs?|seconds)|nsecs?|nanosecs?|nanoseconds)")
+HALVES = re.compile(r"(|.*_|.*timestamp)(?:(secs?|seconds)|nsecs?|nanosecs?|nanoseconds)")
 """Names of columns that form stamps in pairs, as in ROS messages: whole s, and remaining ns."""
 COMMANDED = re.compile(r"(^|_)(target|desired|commanded|command|cmd|setpoint|reference|goal|action)_")
 """Prefixes of commanded quantities, which are not measurements."""
@@ -201,7 +219,7 @@ def some(quantity: str, header: Sequence[str], joints: Sequence[str]) -> bool:
 
 def _words_for(quantity: str) -> Mapping[str, str]:
     """Words for units that columns of a quantity may have -> their dimension."""
-    dimensions = ("force", "torque") if quantity == "wrench" else (DIMENSIONS.get(quantity, ""),)
+    dimensions = DIMENSIONS_OF_SEVERAL.get(quantity.removeprefix(OTHER), (DIMENSIONS.get(quantity, ""),))
     return {word: name for name in dimensions if name for word in UNITS[name][1]}
 
 
@@ -209,9 +227,10 @@ def _forms(name: str, words: Mapping[str, str]) -> Iterator[_Column]:
     """Yield a name without its unit; a name that may end in a unit, such as time_s, both with and without it."""
     bracket = _BRACKETS.search(name)
     unit = bracket[1].lower() if bracket else ""
-    if bracket and unit in words:
-        yield _Column(name, _plain(name[: bracket.start()]), unit)
-        return
+    for written in (unit, f"[{unit}]"):  # m is the end of too many names to be a unit without brackets
+        if bracket and written in words:
+            yield _Column(name, _plain(name[: bracket.start()]), written)
+            return
     plain = _plain(name)
     yield _Column(name, plain, "")
     stem, _, last = plain.rpartition("_")
@@ -264,6 +283,8 @@ def _match(
     for i, column in enumerate(columns):
         if column.unit:
             dimension = DIMENSIONS.get(quantity.removeprefix(OTHER), "force" if i < 3 else "torque")
+            if dimension == "angle" and column.unit in UNITS["travel"][1]:
+                dimension = "travel"
             key, words = UNITS[dimension]
             units.setdefault(key, set()).add(words.get(column.unit, ""))
     if COMMANDED.search(start) or any(len(values) > 1 for values in units.values()):
