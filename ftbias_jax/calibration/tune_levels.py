@@ -12,13 +12,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from ftbias_jax.calibration.judgement import WORSE
+from ftbias_jax.calibration.tune import Fit
 from ftbias_jax.calibration.tune_blocks import LogInBlocks, as_series, look_at_each, pooled
 from ftbias_jax.calibration.tune_drift import LEAST_GAIN, Drift, score, stated_drift
 from ftbias_jax.filtering.method.look import InBlocks, log_in_blocks, noise_of_blocks
+from ftbias_jax.filtering.noise.joint_scatter import FLAT, HIGH, LOW, REGULAR, by_differences
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.io.log import Log
 from ftbias_jax.model.params import Params
-from ftbias_jax.types import Array
+from ftbias_jax.types import AXES, Array
 
 LEVELS = (1.0, 0.1, 10.0, 0.01, 100.0, 1e-3, 1e3)
 """Factors of the stated sigma_Q to try, the stated one first."""
@@ -28,6 +30,12 @@ PRICE = LEAST_GAIN / 2
 """nats that each of the two parameters of slow errors must gain; a level other than the stated one: LEAST_GAIN."""
 MOST_LOGS = 8
 """Number of logs that are used, evenly spaced; they determine a level far more closely than FAR."""
+WINDOW = 128
+"""Number of samples from whose differences the scatter of a reading is estimated, within about a tenth."""
+QUIET = 1.3
+"""Ratio to the quietest third of the windows up to which a window is as quiet."""
+NOT_LESS = 1.1
+"""Ratio of that scatter to a fitted noise above which the fit is wrong."""
 ROUNDS = 4
 """Number of corrections of the sensor noise, because the change that one of them finds is bounded."""
 
@@ -54,6 +62,55 @@ def start_from_observed_level(params: Params, logs: Sequence[Log], wanted: Colle
             params = params._replace(bias=params.bias._replace(wrench_variance=variance))
             looked = look_at_each(params, logs, options)
     return _at_best_drift(params, logs, options) if "density" in wanted else params
+
+
+def no_less_than_scatter(params: Params, fit: Fit, logs: Sequence[Log]) -> tuple[Params, Fit]:
+    """Fitted noise of the sensor, at least as large as the scatter of neighbouring readings in the quietest windows.
+
+    The errors of the smoothed joints count as independent from sample to sample. Where they are large, as at a low
+    rate, the fit attributes to them what is noise of the sensor, down to none at all.
+
+    Args:
+        params: parameters with the fitted noise.
+        fit: of the wrench; unchanged if it has no "wrench_std".
+        logs: the part of each log that was fitted.
+    """
+    shown = [window for log in logs[:MOST_LOGS] for window in _quietest(log)]
+    if "wrench_std" not in fit.values or not shown:
+        return params, fit
+    floor, fitted = np.median(shown, axis=0), np.asarray(fit.values["wrench_std"], float)
+    raised = floor > NOT_LESS * fitted
+    if not raised.any():
+        return params, fit
+    std = np.where(raised, floor, fitted)
+    stderr = np.where(raised, (2 * WINDOW * len(shown)) ** -0.5, fit.relative_stderr["wrench_std"])
+    names = ", ".join(axis for axis, is_raised in zip(AXES, raised, strict=True) if is_raised)
+    variance = jnp.asarray(std**2, params.theta.dtype)
+    return params._replace(bias=params.bias._replace(wrench_variance=variance)), fit._replace(
+        values={**fit.values, "wrench_std": std},
+        relative_stderr={**fit.relative_stderr, "wrench_std": stderr},
+        determined=(*fit.determined, f"sensor.noise_std of {names}, by the scatter of neighbouring readings"),
+    )
+
+
+def _quietest(log: Log) -> list[Array]:
+    """(6,) N, Nm: scatter of neighbouring readings in each of the quieter windows of a log, if all axes vary."""
+    rows = np.isfinite(log.wrench).all(1)
+    t, wrench = log.t[rows], log.wrench[rows]
+    found = []
+    for start in range(0, len(t) - WINDOW, WINDOW):
+        own = slice(start, start + WINDOW)
+        steps = np.diff(t[own])
+        regular = np.abs(steps - np.median(steps)) < REGULAR * np.median(steps)
+        low, high = (by_differences(t[own], wrench[own], regular, order) for order in (LOW, HIGH))
+        if (high > 0).all() and (low < FLAT * high).all():  # otherwise motion
+            found.append(high)
+    if not found:
+        return []
+    sizes = (np.array(found) / np.median(found, axis=0)).mean(1)
+    # A third is at rest in most logs, and noise in motion, if there is any, is louder.
+    quiet = sizes < QUIET * np.median(np.sort(sizes)[: -(-len(sizes) // 3)])
+    return [window for window, is_quiet in zip(found, quiet, strict=True) if is_quiet]
 
 
 def _of_all_blocks(looked: Sequence[LogInBlocks], stated: Array) -> Array:

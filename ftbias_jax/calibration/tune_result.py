@@ -144,10 +144,13 @@ def with_noise(setup: Setup, params: Params, fits: dict[str, Fit]) -> Setup:
         params = params._replace(joint=stated.joint)
     if wrench is None:
         return setup_with(setup, params, guarded=False)
-    density = np.asarray(params.bias.density)
-    if "density" in wrench.relative_stderr:  # axes that the logs leave open keep the given one
+    density, variance = np.asarray(params.bias.density), np.asarray(params.bias.wrench_variance)
+    # Axes that the logs leave open keep the given values.
+    if "density" in wrench.relative_stderr:
         density = np.where(wrench.relative_stderr["density"] < OPEN, density, setup.bias.noise_density)
-    params = params._replace(bias=params.bias._replace(density=density))
+    if "wrench_std" in wrench.relative_stderr:
+        variance = np.where(wrench.relative_stderr["wrench_std"] < OPEN, variance, setup.sensor.noise_std**2)
+    params = params._replace(bias=params.bias._replace(density=density, wrench_variance=variance))
     parts = setup_from_values(wrench.values)  # as fitted, because Params holds only the sum of the parts
     if parts is not None:
         params = params._replace(bias=params.bias._replace(data_variance=stated.bias.data_variance))

@@ -14,7 +14,7 @@ from ftbias_jax.calibration.noise.fit import Tool, tune_data
 from ftbias_jax.calibration.noise.values import JOINT_NAMES, KINDS, TIES, values_from_setup
 from ftbias_jax.calibration.tune import Fit, tune_joints, tune_wrench
 from ftbias_jax.calibration.tune_blocks import LogInBlocks, held_out_blocks, is_correlated, look_at_each, tune_in_blocks
-from ftbias_jax.calibration.tune_levels import start_from_observed_level
+from ftbias_jax.calibration.tune_levels import no_less_than_scatter, start_from_observed_level
 from ftbias_jax.calibration.tune_motion import shown_vibration, tune_motion
 from ftbias_jax.calibration.tune_result import TuneResult, comments_of, is_better, reasons_against, with_fit, with_noise
 from ftbias_jax.check.check_setup import require_right
@@ -139,6 +139,8 @@ def tune(
             fits |= found
         else:
             params, fits["wrench"] = tune_wrench(tuned[0], seen[0], wanted, options, search)
+        if alone and "wrench" in fits:
+            params, fits["wrench"] = no_less_than_scatter(params, fits["wrench"], fitted_part)
         tuned = [params]
     unseen = [[_part(log, 1 - hold_out, 1) for log in logs_of_tool] for logs_of_tool in samples] if hold_out else []
     shown, correlated = judgement.what_the_logs_show([log.noise for log in in_blocks], logs), is_correlated(in_blocks)
@@ -148,6 +150,7 @@ def tune(
         # With correlated errors the sample-wise likelihood cannot identify the density of the bias's random walk.
         beside = {} if correlated else wanted
         params, of_motion = tune_motion(tuned[0], seen[0], vibration, beside, options, report_wrench)
+        params, of_motion = no_less_than_scatter(params, of_motion, fitted_part)
         candidates.append(([params], {**fits, "wrench": with_fit(fits.get("wrench"), of_motion)}))
     setups = [
         [

@@ -8,7 +8,8 @@ import pytest
 from made_series import gauss_markov
 
 import ftbias_jax as ft
-from ftbias_jax.calibration.tune_levels import FAR, start_from_observed_level
+from ftbias_jax.calibration.tune import Fit
+from ftbias_jax.calibration.tune_levels import FAR, no_less_than_scatter, start_from_observed_level
 from ftbias_jax.filtering.params_for_log import max_likelihood_params
 from ftbias_jax.filtering.samples import samples_from_log
 
@@ -90,3 +91,19 @@ def test_tuning_from_far_off_ends_where_tuning_from_the_truth_does(log):
     np.testing.assert_allclose(far.setup.sensor.noise_std, near.setup.sensor.noise_std, rtol=0.1)
     for expected, found in zip(near.predicted, far.predicted, strict=True):
         assert (found.after < 1.2 * expected.after).all()
+
+
+@pytest.mark.parametrize("fitted", [0.01, 1.05])
+def test_a_sensor_is_no_quieter_than_its_neighbouring_readings_scatter(log, right, fitted):
+    """A fit that attributes the sensor's noise to the joints, down to none at all, is corrected; others are not."""
+    std = np.sqrt(np.asarray(right.bias.wrench_variance))
+    params = right._replace(bias=right.bias._replace(wrench_variance=(fitted * std) ** 2))
+    fit = Fit({"wrench_std": fitted * std}, {"wrench_std": np.full(6, np.inf)}, [], None)
+    params, found = no_less_than_scatter(params, fit, [log])
+    np.testing.assert_allclose(np.sqrt(params.bias.wrench_variance), found.values["wrench_std"], rtol=1e-6)
+    if fitted > 1:
+        assert found is fit
+    else:
+        np.testing.assert_allclose(found.values["wrench_std"], std, rtol=0.15)
+        assert (found.relative_stderr["wrench_std"] < 0.1).all()
+        assert "scatter" in found.determined[0]

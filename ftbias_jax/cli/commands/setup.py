@@ -35,8 +35,8 @@ def run(arguments: argparse.Namespace) -> int:
     output = arguments.output or ""
     if output:
         check_writable(output, ".toml")
-    places = {"--output": output, "the recording's URDF": urdf_beside(output) if output else ""}
-    check_outputs(places, (*arguments.logs, arguments.urdf, arguments.mjcf, arguments.dh))
+    inputs = (*arguments.logs, arguments.urdf, arguments.mjcf, arguments.dh)
+    check_outputs({"--output": output}, inputs)
     if output:
         refuse_existing(output)
     same = {name: getattr(arguments, name) for name in ("logs", "robot", "urdf", "mjcf", "site", "mass", "rate")}
@@ -54,6 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     for note in found.notes:
         print(note, file=sys.stdout if output else sys.stderr)
     if found.urdf and output:
+        check_outputs({"the recording's URDF": urdf_beside(output)}, inputs)
         refuse_existing(urdf_beside(output))
     texts = {urdf_beside(output): found.urdf, output: found.text} if output and found.urdf else {output: found.text}
     write_answers({path: partial(write_text, text=text) for path, text in texts.items()})

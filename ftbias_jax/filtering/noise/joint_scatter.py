@@ -135,11 +135,11 @@ def scatter(t: Array, values: Array) -> Array:
     steps = np.diff(t)
     step = np.median(steps)
     regular = (np.abs(steps - step) < REGULAR * step) & (step < SLOWEST)
-    low, high = (_by_differences(t, values, regular, order) for order in (LOW, HIGH))
+    low, high = (by_differences(t, values, regular, order) for order in (LOW, HIGH))
     return np.maximum(np.where(low < FLAT * high, high, 0.0), _by_rounding(values))
 
 
-def _by_differences(t: Array, values: Array, regular: Array, order: int) -> Array:
+def by_differences(t: Array, values: Array, regular: Array, order: int) -> Array:
     """Noise (n,) of rows (L, n) at t (L,) s, from differences of this order between rows at nearly regular steps.
 
     They are divided differences, zero for any polynomial of lower order at these times: at steps that are not quite

@@ -37,6 +37,8 @@ IN_JSON = {
 """Kind of output -> keys at the beginning of its JSON."""
 FOR_OTHERS = (b"by ftbias_jax ", b'"/ftbias/')
 """Text in exports for other programs: their origin, or the topics that layouts show."""
+NOT_EXPRESSED = "not_expressed.json"
+"""Name of the list that is written beside a simulator's corrected file."""
 Place = str | os.PathLike[str]
 
 
@@ -135,7 +137,7 @@ def kind_of(path: str | os.PathLike[str]) -> str:
     suffix = os.path.splitext(file)[1].lower()
     if suffix == ".toml":
         return SETUP if head.startswith(WRITTEN_BY.encode()) else ""
-    if any(words in head for words in FOR_OTHERS):
+    if any(words in head + tail for words in FOR_OTHERS) or _is_not_expressed(file, head):
         return EXPORT
     match suffix:
         case ".npz":
@@ -151,6 +153,15 @@ def kind_of(path: str | os.PathLike[str]) -> str:
         case ".png" | ".svg" | ".pdf":
             return FIGURE if b"ftbias_jax" in head + tail else ""
     return ""
+
+
+def _is_not_expressed(file: str, head: bytes) -> bool:
+    """Whether a file is the list of what a simulator's file cannot express: it has a name and a form of its own."""
+    try:
+        found = json.loads(head) if os.path.basename(file) == NOT_EXPRESSED else None
+    except ValueError:
+        return False
+    return isinstance(found, list) and all(isinstance(one, dict) and "why" in one for one in found)
 
 
 def _identity(path: Place) -> tuple[object, ...]:

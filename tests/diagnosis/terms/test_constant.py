@@ -31,7 +31,7 @@ def following(drive, form, angle, coefficients, spread):
 def test_a_cable_is_slack_somewhere_in_the_range_of_the_joint(drive):
     count = 6 if drive == "joint_angle" else 18
     angle = 1.5 + 0.2 * np.sin(TIME)
-    before, after, narrow = following(drive, "linear", angle, np.ones(count), 1e-6)
+    before, after, _ = following(drive, "linear", angle, np.ones(count), 1e-6)
     assert np.abs(before).min() > 1
     np.testing.assert_allclose(after, 0, atol=1e-12)
     wide = 0.5 + 1.5 * np.sin(TIME)

@@ -5,11 +5,12 @@ import os
 from collections.abc import Callable
 from functools import partial
 
+from ftbias_jax import __version__
 from ftbias_jax.cli.given import write_answers
 from ftbias_jax.errors import UsageError
 from ftbias_jax.io.atomic import write_json
 from ftbias_jax.io.write.mcap import LAYOUTS, layout
-from ftbias_jax.io.write.outputs import EXPORT, SETUP, check_outputs, check_writable
+from ftbias_jax.io.write.outputs import EXPORT, NOT_EXPRESSED, SETUP, check_outputs, check_writable
 from ftbias_jax.setup import Setup, load_setup
 from ftbias_jax.setup.export import export_text
 from ftbias_jax.setup.export.payload import ExportOptions
@@ -96,7 +97,7 @@ def _mend(arguments: argparse.Namespace) -> int:
 
         made = mend_mjcf(setup, scene_of(setup, arguments.like, arguments.site, arguments.base), output)
     folder = os.path.dirname(output)
-    beside = {name: os.path.join(folder, name) for name in ("sensor_model.toml", "not_expressed.json")}
+    beside = {name: os.path.join(folder, name) for name in ("sensor_model.toml", NOT_EXPRESSED)}
     outputs = {"--output": output, **{path: path for path in list(made.files)[1:]}, **beside}
     kinds = {**dict.fromkeys(outputs, EXPORT), "sensor_model.toml": SETUP}
     for option, path in outputs.items():
@@ -104,11 +105,13 @@ def _mend(arguments: argparse.Namespace) -> int:
     check_outputs(outputs, [arguments.found, arguments.setup, arguments.like, *setup.files], kinds, arguments.force)
     for one in made.not_expressed:
         print(f"not expressed: {one['effect']}: {one['why']}")
-    texts = {**made.files, beside["sensor_model.toml"]: sensor_file_text(setup, "export")}
+    mark = f"\n<!-- mended by ftbias_jax {__version__} -->\n"  # by which it may be replaced
+    texts = {path: text.rstrip() + mark for path, text in made.files.items()}
+    texts[beside["sensor_model.toml"]] = sensor_file_text(setup, "export")
     answers: dict[str | None, Callable[[str], object]] = {
         path: partial(write_text, text=text) for path, text in texts.items()
     }
-    write_answers({**answers, beside["not_expressed.json"]: partial(write_json, content=made.not_expressed)})
+    write_answers({**answers, beside[NOT_EXPRESSED]: partial(write_json, content=made.not_expressed)})
     return 0
 
 

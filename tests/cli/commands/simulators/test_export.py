@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from ftbias_jax import __version__
 from ftbias_jax.cli.main import main
 from ftbias_jax.simulators.sensor_file import load_sensor_model
 
@@ -49,6 +50,8 @@ def test_a_diagnosis_becomes_a_scene_a_sensor_and_what_neither_says(cell, capsys
     missing = json.loads((cell / "not_expressed.json").read_text())
     assert [one["effect"] for one in missing] == ["tool_flexibility"]
     assert "not expressed: tool_flexibility" in capsys.readouterr().out
+    assert export(cell, *words) == 0, "files of ftbias are replaced"
+    (cell / "not_expressed.json").write_text('["of somebody else"]')
     assert export(cell, *words) == 1
     assert "--force" in capsys.readouterr().err
     assert export(cell, *words, "--force") == 0
@@ -68,7 +71,10 @@ def test_a_urdf_is_mended_with_the_same_files_beside_it(tmp_path, capsys):
     (tmp_path / "setup.toml").write_text(f"{setup}from_urdf_link = 'hand'\n[effects.tool_mass]\nmass = 0.9\n")
     words = ("export", tmp_path / "setup.toml", "--format", "urdf", "--like", tmp_path / "arm.urdf")
     assert main([*map(str, words), "-o", str(tmp_path / "mended.urdf")]) == 0
-    assert (tmp_path / "mended.urdf").read_text() == made_scenes.URDF.replace('"0.7"', '"0.9"')
+    mended = made_scenes.URDF.replace('"0.7"', '"0.9"')
+    text = f"{mended.rstrip()}\n<!-- mended by ftbias_jax {__version__} -->\n"
+    assert (tmp_path / "mended.urdf").read_text() == text
+    assert main([*map(str, words), "-o", str(tmp_path / "mended.urdf")]) == 0  # replaces its own files
     assert {"sensor_model.toml", "not_expressed.json"} < {path.name for path in tmp_path.iterdir()}
 
 
