@@ -57,7 +57,8 @@ class Validation(NamedTuple):
             cells = (f"{d.rms[k]:.3g} \u00b1 {d.rms_stderr[k]:.1g}" for d in (self.before, self.after))
             lines.append(f"{name:7s}  " + "  ".join(f"{cell:18s}" for cell in cells))
         without = f", without {', '.join(self.left_out)}, which the files cannot express" if self.left_out else ""
-        return "\n".join([*lines, f"the gap shrinks by {self.shrink:.2f} \u00b1 {self.shrink_stderr:.2f}{without}"])
+        shrink = f"{100 * self.shrink:.0f} \u00b1 {100 * self.shrink_stderr:.2g} %"
+        return "\n".join([*lines, f"the gap shrinks by {shrink}{without}"])
 
 
 @in_float64

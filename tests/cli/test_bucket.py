@@ -122,7 +122,7 @@ def test_logs_and_results_may_be_in_one_bucket(store):
 def test_a_page_is_made_of_a_bucket_and_put_there(store, capsys):
     assert main(filter_words()) == 0
     assert main(["report", BUCKET.root, "-o", "s3://fleet/results/fleet.html"]) == 0
-    assert "3 logs of 1 robots" in capsys.readouterr().out
+    assert "3 logs of 1 robot," in capsys.readouterr().out
     assert b"Fleet in s3://fleet/results" in store.cat("fleet/results/fleet.html")
     store.pipe_file("fleet/results/fleet.html", b"not ours")
     assert main(["report", BUCKET.root, "-o", "s3://fleet/results/fleet.html"]) == 1

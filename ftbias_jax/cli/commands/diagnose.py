@@ -11,12 +11,12 @@ from typing import Any
 from ftbias_jax.cli.archive import Done, for_each_log
 from ftbias_jax.cli.given import logs_of, save_setup, setup_of, start_jax, write_answers
 from ftbias_jax.cli.terminal import print_repairs
-from ftbias_jax.errors import UsageError
+from ftbias_jax.errors import LogError, UsageError
 from ftbias_jax.fleet.entry import LOSS
 from ftbias_jax.fleet.find import is_folder
 from ftbias_jax.fleet.quality import of_diagnosis
 from ftbias_jax.io import read_log
-from ftbias_jax.io.log import Log
+from ftbias_jax.io.log import Log, Repair, Repairs
 from ftbias_jax.io.remote import is_url
 from ftbias_jax.io.write.outputs import DIAGNOSIS, PAGE, SETUP, output_of_setup
 from ftbias_jax.io.write.provenance import FIRST_DATE, LAST_DATE
@@ -43,7 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(message, field="--against", remedy="give one for each log, in their order")
     with Stages(f"diagnosing {', '.join(names) if len(names) <= FEW else f'{len(names)} logs'}") as stages:
         stages("reading")
-        logs = [read_log(path, setup, raw=True) for path in paths]
+        paths, logs, left_out = _read_all(paths, setup, tolerant=bool(arguments.pool))
+        names = [Path(path).name for path in paths]
         with many_imports():
             start_jax()
             from ftbias_jax.commissioning.events import without_events
@@ -90,8 +91,23 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"ftbias: {arguments.output}: {', '.join(events)} {only}", file=sys.stderr)
     for why in not_stated:
         print(f"ftbias: not applied: {why}", file=sys.stderr)
-    code = print_repairs(zip(paths[latest], diagnosis.repairs, strict=True))
+    code = print_repairs([*left_out, *zip(paths[latest], diagnosis.repairs, strict=True)])
     return 1 if not_stated else code
+
+
+def _read_all(
+    paths: list[str], setup: Setup, *, tolerant: bool
+) -> tuple[list[str], list[Log], list[tuple[str, Repairs]]]:
+    """Logs as recorded with their paths, and paths of those that cannot be read, if ``tolerant`` and some can."""
+    read, left_out = dict[str, Log](), list[tuple[str, Repairs]]()
+    for place, path in enumerate(paths, 1):
+        try:
+            read[path] = read_log(path, setup, raw=True)
+        except LogError as error:
+            if not tolerant or (place == len(paths) and not read):
+                raise
+            left_out.append((path, (Repair(f"left out: {str(error).removeprefix(f'{path}: ')}", True),)))
+    return list(read), list(read.values()), left_out
 
 
 def date_of(path: str, log: Log) -> float:

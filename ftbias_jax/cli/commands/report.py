@@ -44,8 +44,13 @@ def run(arguments: argparse.Namespace) -> int:
             for group, some in groups.items()
             for alarm in alarms_of(some, fleet.pooled.get(group, ()))
         ]
-        print("\n".join([*alarms, f"{len(fleet.records)} logs of {len(groups)} robots, {len(alarms)} alarms"]))
+        logs, robots = _counted(len(fleet.records), "log"), _counted(len(groups), "robot")
+        print("\n".join([*alarms, f"{logs} of {robots}, {_counted(len(alarms), 'alarm')}"]))
         if fleet.damaged:
             warn(damaged_in_words(fleet.damaged))
     print(f"wrote {output}")
     return 0
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
