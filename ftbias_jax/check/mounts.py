@@ -103,7 +103,7 @@ def _turned_on_another_base(state: State) -> Iterator[Alternative]:
     if state.case.layout.touched or state.specific_force is not None:
         return
     for gravity, sign in product(DOWN, (1.0, -1.0)):
-        elsewhere = np.linalg.norm(gravity - state.gravity) > 1
+        elsewhere = bool(np.linalg.norm(gravity - state.gravity) > 1)
         if not elsewhere and sign > 0:
             continue
         other = state.but(gravity=gravity) if elsewhere else state

@@ -485,3 +485,17 @@ def test_workers_of_an_executor_read_logs_for_the_same_answer(several):
         assert str(ft.check_setup(setup, paths[:1], executor=executor)) == str(ft.check_setup(setup, logs[:1]))
         with pytest.raises(ft.LogError, match=r"none.npz"):
             ft.check_setup(setup, [*paths, "none.npz"], executor=executor)
+
+
+@pytest.mark.parametrize("mass", [0.4, 0.5])
+def test_a_payload_that_is_not_the_tool_is_no_other_unit(mass):
+    """The controller subtracts the weight of something lighter than the tool: a part of its weight is left."""
+    tables, arrays = right_log(seed=8)
+    setup = ft.parse_setup(tables)
+    R = arm_motion(setup.robot, setup.sensor, arrays["q"], 0 * arrays["q"], 0 * arrays["q"]).rotation
+    weight = -mass * np.einsum("nji,j->ni", R, setup.robot.gravity)
+    arrays["wrench"] = arrays["wrench"] - np.concatenate([weight, np.cross([0.0, 0.01, 0.05], weight)], 1)
+    (first,) = checked(tables, arrays).findings
+    assert first.mistake == "compensated"
+    assert f"the weight of {mass:.3g}" in first.remedy
+    assert first.setup == {}

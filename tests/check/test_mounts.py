@@ -102,3 +102,22 @@ def test_a_turned_sensor_on_an_arm_that_hangs_is_found_with_its_gravity(gravity,
     assert first.mistake == "sensor_axes"
     assert first.setup["robot.gravity"] == gravity
     assert first.setup.get("sensor.reports", reports) == "wrench_on_tool"
+
+
+def test_an_arm_that_hangs_is_told_from_a_sensor_of_the_opposite_sign():
+    """Of both, the weight is the same: only accelerations tell them apart."""
+    tables, arrays = right_log(seed=6, robot={**TABLES["robot"], "gravity": [0.0, 0.0, 9.81]})
+    drafted = {**tables, "robot": TABLES["robot"], "sensor": {**tables["sensor"], "reports": "wrench_on_sensor"}}
+    (first,) = checked(drafted, arrays).findings
+    assert first.setup == {"robot.gravity": [0.0, 0.0, 9.81], "sensor.reports": "wrench_on_tool"}
+    assert checked(tables, arrays).ok
+
+
+def test_a_centre_of_mass_that_is_not_measured_is_not_turned():
+    tables, arrays = right_log(seed=7)
+    turned = read_turned(arrays, rotation_from_vector([0, 0, np.pi / 2]))
+    for tool in ({}, {**tables["tool"], "mass_std": 0.1, "center_of_mass_std": [0.01] * 3}):
+        (first,) = checked({**tables, "tool": tool}, turned).findings
+        assert first.mistake == "sensor_axes"
+        assert "tool.center_of_mass" not in first.setup
+    assert "tool.center_of_mass" in checked(tables, turned).findings[0].setup

@@ -36,8 +36,6 @@ class FlatTop(NamedTuple):
     ties: int
     """Number of samples at this value."""
     nats: float
-    is_largest: bool = True
-    """Whether no reading on the other side is larger: a setup states one limit for both."""
 
 
 class Gaps(NamedTuple):
@@ -150,7 +148,7 @@ def find_flat_tops(x: np.ndarray, noise_std: float, step: float) -> list[FlatTop
         inside = int((outward >= top - width).sum()) - count
         nats = log_likelihood_ratio(count, (inside + 1) * resolution / width)
         if thresholds.LEAST_TIES <= count <= thresholds.MOST_TIES * len(x) and nats >= thresholds.FLAT_TOP_NATS:
-            found.append(FlatTop(side * top, count, nats, bool(top >= np.abs(x).max() - resolution)))
+            found.append(FlatTop(side * top, count, nats))
     return found
 
 
@@ -161,14 +159,10 @@ def at_top(x: np.ndarray, tops: Sequence[FlatTop]) -> np.ndarray:
 
 
 def find_saturation(tops: Sequence[Sequence[FlatTop]]) -> Finding:
-    """Finding of flat tops on either side of six channels; the one with more samples gives the limit of a channel.
-
-    Readings that stop at a value on one side and exceed it on the other, as after a tare, have no limit that a setup
-    could state.
-    """
+    """Finding of flat tops on either side of six channels; the one with more samples gives the limit of a channel."""
     limits, words, nats = [float("inf")] * 6, [], 0.0
-    for channel, every in enumerate(tops):
-        if found := [top for top in every if top.is_largest]:
+    for channel, found in enumerate(tops):
+        if found:
             top = max(found, key=lambda top: top.ties)
             limits[channel], nats = abs(top.value), max(nats, top.nats)
             words += [f"{one.ties} samples of {AXES[channel]} at exactly {one.value:.6g}" for one in found]

@@ -13,6 +13,9 @@ from ftbias_jax.types import Array
 
 _NEWTON = np.array([1.0] * 3 + [0.1] * 3)
 
+BEYOND, SPIKES_BEYOND = 1.01, 0.01
+"""Ratio of a reading to a stated limit, and share of such readings, from which the limit does not hold on that side."""
+
 
 def stamp_jitter(values: EffectValues, key: Array, record: Record) -> Record:
     """Samples are taken at times that scatter around their stamps, independently of one another."""
@@ -47,9 +50,16 @@ def saturation(values: EffectValues, key: Array, record: Record) -> Record:
 
 
 def screen_saturated(values: EffectValues, wrench: Array) -> Array:
-    """Mask readings at their limit, which only show that the wrench is larger."""
-    margin = 1 - 8 * np.finfo(wrench.dtype).eps  # Limits may have been rounded to the log's precision.
-    return jnp.where(jnp.abs(wrench) >= margin * values["limits"][None], jnp.nan, wrench)
+    """Mask readings at their limit, which only show that the wrench is larger.
+
+    A side on which many readings go beyond the limit has another one: after a tare the limits of the two sides differ.
+    """
+    margin, limit = 1 - 8 * np.finfo(wrench.dtype).eps, values["limits"][None]  # rounded to the log's precision
+    at_limit = jnp.zeros(wrench.shape, bool)
+    for outward in (wrench, -wrench):
+        beyond = (outward > BEYOND * limit).mean(0, keepdims=True) > SPIKES_BEYOND
+        at_limit |= (outward >= margin * limit) & ~beyond
+    return jnp.where(at_limit, jnp.nan, wrench)
 
 
 def quantisation(values: EffectValues, key: Array, record: Record) -> Record:

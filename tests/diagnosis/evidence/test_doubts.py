@@ -91,11 +91,14 @@ AN_ARM = (AN_ARM / np.where(OFF, SIZE, 1))[OFF]
         (A_TURN, "mount_rotation", 0.0, ""),
         (AN_ARM, "mount_rotation", 0.0, "a lever arm of (0, 0, 0.03) m"),
         (AN_ARM, "tool_com", 0.0, ""),
-        (np.arange(30.0), "gain", 0.0, ""),
+        (np.arange(30.0) / 10, "gain", 0.0, ""),
         (np.arange(30.0), "gain", 0.99, "wrong gains of channels"),
+        (np.arange(30.0), "gain", 0.0, "no sensor leaks so much"),
     ],
 )
-def test_crosstalk_that_makes_up_a_turn_an_arm_or_gains_is_doubtful(monkeypatch, leaks, beside, of_gains, words):
+def test_crosstalk_that_makes_up_a_turn_an_arm_or_gains_or_is_large_is_doubtful(
+    monkeypatch, leaks, beside, of_gains, words
+):
     monkeypatch.setattr(entries, "share_of_gains", lambda *given: of_gains)
     whole = Hypothesis("crosstalk", tuple(range(30)))
     columns = Columns(*np.zeros((2, 0, 1, 6)))

@@ -72,3 +72,15 @@ def test_what_motion_adds_to_the_noise_is_measured_in_motion(rate):
     assert found == pytest.approx(2.0, rel=0.1)
     still = scatter_in_motion(t[t < 10], rng.normal(size=(len(t), 3))[t < 10], rotations[t < 10], NOISE[:3])
     assert still is None
+
+
+def test_an_axis_without_readings_has_the_noise_of_its_neighbours():
+    t = np.arange(3000) / 500
+    wrench = np.random.default_rng(4).normal(size=(3000, 6)) * NOISE
+    wrench[:, 5] = np.nan
+    unknown = np.full((3000, 3, 3), np.nan)
+    found = quietest_noise(t, wrench, unknown)[0]
+    np.testing.assert_allclose(found[:5], NOISE[:5], rtol=0.2)
+    assert found[5] == pytest.approx(np.mean(found[3:5]), rel=0.05)
+    wrench[:, 3:] = np.nan
+    assert quietest_noise(t, wrench, unknown) is None

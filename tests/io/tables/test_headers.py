@@ -174,6 +174,16 @@ def test_two_sensors_are_not_chosen_between_without_a_word(tmp_path):
     assert "also there: right/ft_0 ..." in found.text
 
 
+def test_a_dead_axis_does_not_hide_the_tool(tmp_path):
+    dead = WRENCH.copy()
+    dead[:, 5] = 0.25
+    setup, _ = drafted(
+        tmp_path, write(tmp_path / "log.csv", [("t", T), (counted("q"), Q), (counted("ft_"), dead)]), robot="ur5e"
+    )
+    assert abs(setup.tool.mass - made.MASS) < 0.05
+    np.testing.assert_allclose(setup.tool.center_of_mass, made.CENTER, atol=6e-3)
+
+
 def test_joints_with_names_of_their_own_are_taken_in_their_order_and_that_is_said(tmp_path):
     names = ["Base_position", "Shoulder_position", "Elbow_position", "W1_position", "W2_position", "W3_position"]
     log = write(tmp_path / "log.csv", [("t", T), (names, Q), (counted("ft_"), WRENCH)])
@@ -378,3 +388,17 @@ def test_numbered_joints_may_have_other_names_than_in_the_setup(form):
     (match,) = matches("position", header, ROBOT.joint_names)
     assert match.names == tuple(header[1:7])
     assert not matches("position", header, ROBOT.joint_names[:5])
+
+
+@pytest.mark.parametrize(("rail", "unit"), [("rail [mm]", "mm"), ("rail [m]", "m"), ("rail_mm", "mm")])
+def test_a_rail_and_joints_have_units_of_their_own(rail, unit):
+    header = [rail, *(f"joint{i} [deg]" for i in range(1, 7))]
+    (match,) = matches("position", header, ["rail", *(f"joint{i}" for i in range(1, 7))])
+    assert match.names == tuple(header)
+    assert match.facts == {"log.length_unit": unit, "log.angle_unit": "deg"}
+
+
+@pytest.mark.parametrize("torque", ["(in-lb)", "[lbf·in]", "[in-lbs]"])
+def test_units_of_pounds_as_people_write_them(torque):
+    header = [*(f"F{x} [lbs]" for x in XYZ), *(f"T{x} {torque}" for x in XYZ)]
+    assert matches("wrench", header)[0].facts == {"log.force_unit": "lbf", "log.torque_unit": "lbf-in"}

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from ftbias_jax.model.effects import compose
+from ftbias_jax.model.effects.sampling import screen_saturated
 from ftbias_jax.model.effects.types import Record
 from ftbias_jax.model.kinematics.screws import rotation_from_vector, sensor_pose
 from ftbias_jax.model.wrench.tool_wrench import data_matrix
@@ -145,6 +146,16 @@ def test_noise_has_another_size_and_vibration_adds_a_variance_of_squared_speeds(
     _, for_all = recorded(signals, wrench, vibration={"variance": rows[:1]})
     _, one_by_one = recorded(signals, wrench, vibration={"variance": jnp.broadcast_to(rows[:1], (3, 6))})
     np.testing.assert_array_equal(for_all, one_by_one)
+
+
+def test_a_limit_does_not_hold_on_a_side_on_which_readings_exceed_it():
+    """After a tare, the limits of the two sides differ, and a setup states one."""
+    limits, rising = np.array([4.0, 4, 4, 0.2, 0.2, 0.2]), np.linspace(-10, 3, 1001)[:, None] * np.ones(6)
+    assert np.isfinite(screen_saturated({"limits": limits}, jnp.asarray(rising.clip(max=-limits)))).all()
+    clipped = rising.clip(-2, 2.5)
+    clipped[::500] = 50.0  # spikes are no other limit
+    left = screen_saturated({"limits": np.full(6, 2.5)}, jnp.asarray(clipped))
+    np.testing.assert_array_equal(np.isnan(left), clipped >= 2.5)
 
 
 def test_saturated_readings_have_flat_tops_and_are_left_out(signals, wrench):
