@@ -181,8 +181,12 @@ def clocks(base: Evidence, first: Evidence, delay: float, result: Result) -> Mis
     """Return the mistake that the clocks of wrench and motion differ."""
     later, than = ("wrench", "motion") if delay > 0 else ("motion", "wrench")
     remedy = f"the {later} is stamped {abs(delay):.2f} s later than the {than}: shift its stamps"
-    states = -1 <= delay <= 2 and base.state.case.setup.pose is None
-    setup = {"effects.time_delay.delay": round(delay, 3)} if states else {}
+    stated, setup = base.state.case.setup, dict[str, float]()
+    if "wrench" in stated.log.files:
+        setup = {"log.time_offsets.wrench": round(stated.log.time_offsets.get("wrench", 0.0) - delay, 3)}
+        remedy += f" by log.time_offsets.wrench = {setup['log.time_offsets.wrench']}"
+    elif -1 <= delay <= 2 and stated.pose is None:
+        setup = {"effects.time_delay.delay": round(delay, 3)}
     return Mistake("time_offset", {**numbers(first, result), "offset_s": round(delay, 3)}, remedy, setup)
 
 

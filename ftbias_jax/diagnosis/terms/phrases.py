@@ -186,6 +186,8 @@ CHECK = {
 """What to check for a form, if that differs from what to check for its drive."""
 OF_A_SHIFT = ("a screw or clamp of the tool that slips", "fingers of a gripper that open and close", "a part gripped")
 CHECK_OF_A_SHIFT = "look at what moved in the tool then, and tighten it"
+SUBTRACTED = "a controller that subtracts the weight of a payload"
+CHECK_OF_SUBTRACTED = "set the controller's payload to zero and record again, then tap the tool: what swings goes on"
 SLOWEST = {"mains hum": 16.0, "a structure that rings": 2.0, "a fan, pump or motor": 0.2}
 """Hz, lowest frequency of each cause; railways have the lowest mains frequency, 16.7 Hz."""
 
@@ -210,6 +212,14 @@ def is_shift(term: Term, stderr: Array) -> bool:
     return term.form == "payload" and bool(np.all(np.abs(term.coefficients) < SURE * stderr))
 
 
+def is_mass_without_weight(term: Term) -> bool:
+    """Whether a term is the inertia of a mass of which the reading does not show the weight."""
+    mass = np.asarray(term.coefficients)
+    return (
+        (term.drive, term.form, term.acts_as) == ("acceleration", "linear", "force") and mass.size == 1 and mass[0] > 0
+    )
+
+
 def shift(term: Term, size: str) -> str:
     """Headline of such a load, whose mass with its standard error is the ``size``."""
     return f"a shift of the tool's centre of mass {intervals_in_words(term.parameters['time'])}, with {size} more"
@@ -219,6 +229,8 @@ def check(term: Term, stderr: Array) -> str:
     """What to check first; a step that stays (a single time) is a change of the tool or of the amplifier."""
     if is_shift(term, stderr):
         return CHECK_OF_A_SHIFT
+    if is_mass_without_weight(term):
+        return CHECK_OF_SUBTRACTED
     stays = (term.drive, term.form) == ("time", "step") and np.size(term.parameters["time"]) == 1
     of_drive = DRIVE_WORDS[term.drive].check
     return of_drive if stays else CHECK.get((term.drive, term.form), of_drive)
@@ -230,6 +242,8 @@ def resembles(term: Term, stderr: Array) -> tuple[str, ...]:
         return OF_A_SHIFT
     first = LIKE.get((term.drive, term.form))
     others = DRIVE_WORDS[term.drive].resembles
+    if is_mass_without_weight(term):
+        others = (SUBTRACTED, *others)
     if term.drive == "frequency":
         others = tuple(kind for kind in others if term.parameters["frequency"] >= SLOWEST.get(kind, 0.0))
     if (term.drive, term.form) == ("time", "step") and np.size(term.parameters["time"]) > 1:

@@ -1,5 +1,7 @@
 """Terms in words and numbers: units of every form, and names that programs can read."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -87,3 +89,12 @@ def test_forces_and_torques_have_units_of_their_own(key, units):
 def test_the_sentence_says_how_much_of_what_where():
     text = sentence(make_term("velocity", "linear", "base", "force"), np.array([23.6]), np.array([0.4]), 0.92)
     assert text == "a force of 23.60 +- 0.40 N per m/s against the velocity of the tool, in base axes (92 % of the gap)"
+
+
+@pytest.mark.parametrize("coefficients", [[1.2], [-1.2], [1.2, 0.1, 0.2]])
+def test_inertia_without_weight_may_be_a_payload_that_the_controller_subtracts(coefficients):
+    frame = "base" if len(coefficients) == 1 else "sensor"
+    term = replace(make_term("acceleration", "linear", frame, "force"), coefficients=np.array(coefficients))
+    is_mass = coefficients == [1.2]
+    assert resembles(term, np.zeros(3))[0].startswith("a controller that subtracts" if is_mass else "entrained air")
+    assert check(term, np.zeros(3)).startswith("set the controller's payload" if is_mass else "tap the tool")
