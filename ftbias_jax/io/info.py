@@ -24,7 +24,8 @@ from ftbias_jax.io.ros.messages import IMU, JOINT_STATE, JOINTS, POSE, POSITION,
 from ftbias_jax.io.ros.read import log_of, skew
 from ftbias_jax.io.ros.record import Recording, Stream, Topic, Wanted, is_ros, read_recording
 from ftbias_jax.io.stamps.clock import longer_in_words, one_a_stamp
-from ftbias_jax.io.tables.headers import FIXED, TO_NAME, are_counted
+from ftbias_jax.io.tables.column_names import FIXED, TO_NAME
+from ftbias_jax.io.tables.headers import are_counted
 from ftbias_jax.io.tables.poses import Poses, as_log
 from ftbias_jax.io.tables.streams import read_stream
 from ftbias_jax.setup.dump import Known, toml_line, write_template

@@ -40,7 +40,8 @@ from ftbias_jax.io.draft.table import Table, left_to_choose, look, patterns, sta
 from ftbias_jax.io.log import Log
 from ftbias_jax.io.pose import sensor_rotations
 from ftbias_jax.io.ros.record import is_ros
-from ftbias_jax.io.tables.headers import TO_NAME, are_counted
+from ftbias_jax.io.tables.column_names import TO_NAME
+from ftbias_jax.io.tables.headers import are_counted
 from ftbias_jax.io.tables.poses import Poses, as_log, read_poses
 from ftbias_jax.setup.dump import MEASURE, Known, write_template
 from ftbias_jax.setup.mjcf import load_mjcf, mjcf_robot

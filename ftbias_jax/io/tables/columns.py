@@ -7,7 +7,8 @@ import numpy as np
 
 from ftbias_jax.errors import LogError
 from ftbias_jax.io.check import EXTRA_PREFIX
-from ftbias_jax.io.tables.headers import FIXED, Match, Names, matches, some
+from ftbias_jax.io.tables.column_names import FIXED, Names
+from ftbias_jax.io.tables.headers import Match, matches, some
 from ftbias_jax.setup.fields import nearest
 from ftbias_jax.setup.keys.table import further_columns
 from ftbias_jax.setup.recorded import PoseSetup

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from typing import NamedTuple, TextIO
 
 from ftbias_jax.errors import LogError
-from ftbias_jax.io.tables.headers import FORCES, TORQUES, UNITS
+from ftbias_jax.io.tables.column_names import FORCES, TORQUES, UNITS
 
 LONGEST = 1 << 16
 """Characters of a header from which the delimiter is inferred, and of the lines after it for the kinds of cells."""
