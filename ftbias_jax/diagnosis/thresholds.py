@@ -100,6 +100,9 @@ s, duration up to which an event is certain. [physics] [dev]"""
 MOST_OF_LOG_IF_SEEN, SEEN = 0.7, 0.75
 """Maximum share of the log in events that a filter's contact detection confirms, and the share of their duration that
 it must cover. [physics] In 49 logs without contact the detection finds a tenth of a second of it. [dev]"""
+ONE_WAY = 0.8
+"""Difference between the shares of events and of free time in which a joint moves one way, from which the events are
+friction in it: a worker would have to push at nine of ten of its strokes, and at no other time. [physics]"""
 NEAR_END, TOUCH_BEGINS, TOUCH_SHARE = 0.6, 5.0, 0.05
 """s from the ends of a contact that a filter finds within which its real ends are; beyond half of it all is free;
 standard deviations of the free force, and share of the force of contact, beyond which something touches. [noise]"""

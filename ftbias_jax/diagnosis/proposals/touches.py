@@ -84,9 +84,12 @@ def is_short(h: Hypothesis, duration: float) -> bool:
 
 
 def is_seen(h: Hypothesis, problem: Problem) -> bool:
-    """Whether a filter's contact detection confirms the events: sudden at both ends, with free motion beside them."""
+    """Whether a filter's contact detection confirms the events: sudden at both ends, with free motion beside them.
+
+    Friction that is there while a joint moves one way is sudden, too.
+    """
     lengths, inside = _lengths(h), 0.0
-    if not len(lengths):
+    if not len(lengths) or follows_a_joint(h, problem):
         return False
     for (log, start, end), *_ in shaped(h):
         for contact in problem.parts[log].touched.contacts:
@@ -94,6 +97,21 @@ def is_seen(h: Hypothesis, problem: Problem) -> bool:
     return bool(
         lengths.sum() < thresholds.MOST_OF_LOG_IF_SEEN * problem.duration and inside > thresholds.SEEN * lengths.sum()
     )
+
+
+def follows_a_joint(h: Hypothesis, problem: Problem) -> bool:
+    """Whether the events last while one joint moves one way, and only then."""
+    inside, ways = list[np.ndarray](), list[np.ndarray]()
+    for log, part in enumerate(problem.parts):
+        t = np.asarray(part.signals.t)[: part.used]
+        events = [one for (number, *one), *_ in shaped(h) if number == log]
+        inside.append(np.any([(start <= t) & (t <= end) for start, end in events], 0) if events else t != t)
+        ways.append(np.sign(np.asarray(part.signals.dq)[: part.used]))
+    touched, way = np.concatenate(inside), np.concatenate(ways)
+    if touched.all() or not touched.any():
+        return False
+    apart = np.abs(way[touched].mean(0) - way[~touched].mean(0)) / 2
+    return bool((apart > thresholds.ONE_WAY).any())
 
 
 def takes_most(h: Hypothesis, problem: Problem) -> bool:
