@@ -22,7 +22,7 @@ ROTATIONS = np.kron(np.eye(2)[None], -skew(np.eye(3)))
 """(3, 6, 6) crosstalk of a small rotation of force and torque, per rad from nominal axes: R^T = 1 - [r]."""
 ARMS = np.kron([[[0, 0], [1, 0]]], skew(np.eye(3)))
 """(3, 6, 6) crosstalk into the torque per m of error in the point where the force acts."""
-SAME_UNIT = np.kron(np.eye(2), np.ones((3, 3))) > 0
+SAME_UNIT = np.kron(np.eye(2, dtype=bool), np.ones((3, 3), bool))
 """Entries of force into force, and of torque into torque."""
 
 

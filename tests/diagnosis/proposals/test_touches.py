@@ -1,11 +1,21 @@
 """Times of contacts, on synthetic innovations."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from ftbias_jax.diagnosis.hypothesis import Event, Hypothesis, Shaped
 from ftbias_jax.diagnosis.problem import Part, Problem
-from ftbias_jax.diagnosis.proposals.touches import is_seen, is_short, merge, parts_of, pushes, robust_rest
+from ftbias_jax.diagnosis.proposals.touches import (
+    follows_a_joint,
+    is_seen,
+    is_short,
+    merge,
+    parts_of,
+    pushes,
+    robust_rest,
+)
 from ftbias_jax.filtering.method.look import Touched
 from ftbias_jax.filtering.noise.contact import Contact
 
@@ -100,11 +110,30 @@ def test_what_lasts_is_no_event(lengths, short):
 )
 def test_contact_may_take_much_of_a_log_if_a_filter_finds_it_too(event, contacts, seen):
     found = tuple(Contact(start, end, np.zeros(6)) for start, end in contacts)
-    parts = tuple(Part(*[None] * 5)._replace(touched=Touched(of_log)) for of_log in (found, ()))
-    problem = Problem(parts, *[None] * 5, (20.0,), None, {})
+    problem = touched_logs(np.zeros((201, 2)), found, ())
     h = Hypothesis("contact", detail=(Shaped(Event(*event), 4),))
     assert is_seen(h, problem) is seen
     assert not is_seen(Hypothesis("gain"), problem)
+
+
+def touched_logs(dq, *contacts):
+    """Logs of 20 s with joint velocities dq (201, n), and the contacts that a filter found in each."""
+    signals = SimpleNamespace(t=np.linspace(0, 20, 201), dq=dq)
+    parts = (Part(*[None] * 5)._replace(touched=Touched(some), signals=signals, used=201) for some in contacts)
+    return Problem(tuple(parts), *[None] * 5, (20.0,), None, {})
+
+
+@pytest.mark.parametrize(("late", "friction"), [(0.0, True), (0.3, True), (2.0, False)])
+def test_what_lasts_while_one_joint_moves_one_way_is_friction(late, friction):
+    times = [(2.0, 5.0), (8.0, 11.0), (14.0, 17.0)]
+    t = np.linspace(0, 20, 201)
+    way = np.where(np.any([(a <= t) & (t <= b) for a, b in times], 0), 1.0, -1.0)
+    dq = np.stack([np.sin(t), 0.3 * way], 1)
+    found = [(a + late, b + late) for a, b in times]
+    problem = touched_logs(dq, tuple(Contact(a, b, np.zeros(6)) for a, b in found))
+    h = Hypothesis("contact", detail=tuple(Shaped(Event(0, a, b), 4) for a, b in found))
+    assert follows_a_joint(h, problem) is friction
+    assert is_seen(h, problem) is not friction
 
 
 @pytest.mark.parametrize(
