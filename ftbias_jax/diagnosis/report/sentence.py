@@ -1,6 +1,7 @@
 """The headline of a diagnosis in forty words: what was found with its value, its share of the error, and what to do."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
 
@@ -94,9 +95,14 @@ def _from_long_to_short(found: Sequence[Found], twins: dict[str, str]) -> Iterat
         yield _and(words + _alike(one, say) for words, one in zip(plain, found, strict=True))
     yield _and(plain)
     if len(plain) > 1:
-        names = [one.title if isinstance(one, Candidate) else f"a term of {one.drive}" for one in found[1:]]
-        yield f"{plain[0]}, and {_and(names)}"
-        yield f"{plain[0]}, and {len(names)} more"
+        names = Counter(one.title if isinstance(one, Candidate) else f"term of {one.drive}" for one in found[1:])
+        yield f"{plain[0]}, and {_and(map(_counted, names, names.values()))}"
+        yield f"{plain[0]}, and {len(found) - 1} more"
+
+
+def _counted(name: str, number: int) -> str:
+    terms = name.startswith("term of ")
+    return f"{number} {name.replace('term', 'terms', 1)}" if number > 1 and terms else f"a {name}" if terms else name
 
 
 def _plain(one: Found) -> str:
