@@ -131,9 +131,9 @@ LIKE_A_ROTATION = 0.8
 0.1."""
 ENTRY_STD = 3.0
 """Typical departures; prior standard deviation of a crosstalk entry, 6 % of the load of another axis. [physics]"""
-LARGEST_LEAK = 0.15
+LARGEST_LEAK = 0.2
 """Share of one force that leaks into another, or of a torque into another, beyond which it is in doubt: data sheets
-state 1 to 5 %. [physics]"""
+state 1 to 5 %, and four times that is another sensor. [physics]"""
 NEAR_LIMIT, EQUAL = 0.97, 0.97
 """Share of a limit from which a parameter is at it; share of the best gain from which a gain is as good. [dev]"""
 LEAST_WAY = 0.02

@@ -114,11 +114,11 @@ def doubt(problem: Problem, found: Fit, h: Hypothesis) -> str:
         )
     if share_of_gains(problem, found, h) > CLOSE:
         return "; or wrong gains of channels: force and torque are correlated in this log, so gains explain it as well"
-    named = leaks if whole.worth_its_parameters else np.zeros((6, 6))
-    if not whole.worth_its_parameters:
-        named[of_entry > 0] = [found.z[i] if i in h.free else 0.0 for i in whole.matrix.free]
-    if np.abs(named * of_entry)[SAME_UNIT].max() > LARGEST_LEAK:
-        return "; or something that acts alike: no sensor leaks so much from one channel into another"
+    if not whole.worth_its_parameters:  # all of them may be large: the calibration matrix of another sensor
+        few = np.zeros((6, 6))
+        few[of_entry > 0] = [found.z[i] if i in h.free else 0.0 for i in whole.matrix.free]
+        if np.abs(few * of_entry)[SAME_UNIT].max() > LARGEST_LEAK:
+            return "; or something that acts alike: no sensor leaks so much from one channel into another"
     return ""
 
 
