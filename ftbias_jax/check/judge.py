@@ -24,7 +24,7 @@ OF_JOINTS = 0.02
 model's residual: there are dozens of these, and one of them may by chance fit a strong cable's pull (residual 0.05)."""
 GOOD, GOOD_STRICT = 0.3, 0.1
 """Maximum residual of an alternative as a share of the raw variance; the second one where a fit may trim most bins, and
-for another unit, which resembles a controller that subtracts some of the weight."""
+for another unit in motion, which resembles a controller that subtracts some of the weight."""
 SAME = 1.5
 """Maximum residual of an alternative relative to that of a free tool with the setup as stated."""
 SLACK = 0.01
@@ -224,7 +224,7 @@ def _is_named(base: Evidence, alternative: Alternative, result: Result, *, any_t
         return score(base, result) > TIE + float(-np.log(np.ones(2) + PENALTY).sum()) and _is_sure(
             base, alternative, result
         )
-    strict = base.state.case.layout.touched or alternative.scale
+    strict = base.state.case.layout.touched or (alternative.scale and base.state.case.moves)
     if not (left < (GOOD_STRICT if strict else GOOD)).all():
         return False
     if not (alternative.like_tool or _beats_any_tool(base, alternative, result)):

@@ -111,7 +111,8 @@ def _turned_on_another_base(state: State) -> Iterator[Alternative]:
         P = _nearest_rotation(sign * overlap)
         if sign * (P * overlap).sum() < ALIGNED * sizes or np.trace(P) > 1 + 2 * np.cos(LEAST_TURN):
             continue
-        one = _mount(other, P, 8 + elsewhere + (sign < 0), sign)
+        # It has so many ways that one of them may resemble a log that something pushes.
+        one = replace(_mount(other, P, 8 + elsewhere + (sign < 0), sign), like_tool=False)
         if elsewhere:
             words = f"the base is not level: set robot.gravity = {gravity.tolist()}, and {one.remedy}"
             one = replace(one, remedy=words, setup={**(one.setup or {}), "robot.gravity": gravity.tolist()})
