@@ -148,10 +148,10 @@ def with_noise(setup: Setup, params: Params, fits: dict[str, Fit]) -> Setup:
     # Axes that the logs leave open keep the given values.
     if "density" in wrench.relative_stderr:
         density = np.where(wrench.relative_stderr["density"] < OPEN, density, setup.bias.noise_density)
-    if "wrench_std" in wrench.relative_stderr:
+    parts = setup_from_values(wrench.values)  # as fitted, because Params holds only the sum of the parts
+    if "wrench_std" in wrench.relative_stderr and parts is None:
         variance = np.where(wrench.relative_stderr["wrench_std"] < OPEN, variance, setup.sensor.noise_std**2)
     params = params._replace(bias=params.bias._replace(density=density, wrench_variance=variance))
-    parts = setup_from_values(wrench.values)  # as fitted, because Params holds only the sum of the parts
     if parts is not None:
         params = params._replace(bias=params.bias._replace(data_variance=stated.bias.data_variance))
     written = setup_with(setup, params, guarded=False)

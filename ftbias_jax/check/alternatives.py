@@ -192,13 +192,13 @@ def _gravity(state: State) -> Iterator[Alternative]:
 
 
 def hanging(state: State) -> Iterator[Alternative]:
-    """Yield the alternative that gravity and the sensor's sign are both opposite: only accelerations tell it."""
+    """Yield the alternative that gravity and the sensor's sign are both opposite: accelerations alone show it."""
     if state.specific_force is not None:
         return
     other, gravity = OTHER_REPORT[state.case.setup.sensor.reports], (0.0 - state.gravity).tolist()
     yield Alternative(
         "gravity",
-        f"gravity points the other way, and the sensor the other way round: set robot.gravity = {gravity} and "
+        f"gravity points the other way, and the sensor reports the other sign: set robot.gravity = {gravity} and "
         f'sensor.reports = "{other}"',
         state.but(gravity=-state.gravity, wrench=-state.wrench),
         4.2,

@@ -153,11 +153,13 @@ def _first_moment(support: Array, torque: Array, count: float, axes: Array) -> t
     ``support`` (T, 3), the force that supports one kilogram, and ``torque`` (T, 3) Nm are relative to their means;
     ``count`` samples are independent; torques about the other ``axes`` (3,) bool are not measured.
     """
+    if not axes.any():
+        return np.zeros(3), np.full(3, np.inf)
     columns = (-skew(support) * axes[:, None]).reshape(-1, 3)
     pull = 1e-6 * np.trace(columns.T @ columns) * np.eye(3)
     target = torque.ravel()
     moment = np.linalg.solve(columns.T @ columns + pull, columns.T @ target)
-    variance = ((target - columns @ moment) ** 2).mean() * len(support) / count
+    variance = ((target - columns @ moment) ** 2).sum() / axes.sum() / count
     return moment, np.sqrt(variance * np.diag(np.linalg.inv(columns.T @ columns + pull)))
 
 

@@ -184,6 +184,15 @@ def test_a_dead_axis_does_not_hide_the_tool(tmp_path):
     np.testing.assert_allclose(setup.tool.center_of_mass, made.CENTER, atol=6e-3)
 
 
+def test_without_any_torque_the_mass_is_weighed_all_the_same(tmp_path):
+    dead = WRENCH.copy()
+    dead[:, 3:] = 0.0
+    log = write(tmp_path / "log.csv", [("t", T), (counted("q"), Q), (counted("ft_"), dead)])
+    setup, _ = drafted(tmp_path, log, robot="ur5e")
+    assert abs(setup.tool.mass - made.MASS) < 0.05
+    assert (setup.tool.center_of_mass_std > 0.05).all()
+
+
 def test_joints_with_names_of_their_own_are_taken_in_their_order_and_that_is_said(tmp_path):
     names = ["Base_position", "Shoulder_position", "Elbow_position", "W1_position", "W2_position", "W3_position"]
     log = write(tmp_path / "log.csv", [("t", T), (names, Q), (counted("ft_"), WRENCH)])
