@@ -75,8 +75,9 @@ def no_less_than_scatter(params: Params, fit: Fit, logs: Sequence[Log]) -> tuple
         fit: of the wrench; unchanged if it has no "wrench_std".
         logs: the part of each log that was fitted.
     """
-    shown = [window for log in logs[:MOST_LOGS] for window in _quietest(log)]
-    if "wrench_std" not in fit.values or not shown:
+    if "wrench_std" not in fit.values:
+        return params, fit
+    if not (shown := [window for log in logs[:MOST_LOGS] for window in _quietest(log)]):
         return params, fit
     floor, fitted = np.median(shown, axis=0), np.asarray(fit.values["wrench_std"], float)
     raised = floor > NOT_LESS * fitted

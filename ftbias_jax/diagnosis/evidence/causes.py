@@ -28,7 +28,6 @@ CANDIDATES = 12
 DOUBTS = {Step: series.doubt, Touches: touches.doubt, Pull: pulls.doubt, Entries: entries.doubt}
 """Search of an effect -> (problem, fit, its hypothesis) -> why it may be something else, in words; "" = no doubt."""
 UNDETERMINED = "; or something that acts alike: none of its numbers is two standard errors from having no effect"
-
 UNSEEN = "; or something else: it explains nothing on blocks of the logs that its fit has not seen"
 
 

@@ -135,10 +135,18 @@ def _counted(quantity: str, columns: Sequence[_Column], joints: Sequence[str] | 
             if named := re.fullmatch(rf"((?:.*_)?){stem}_?(\d{{1,3}})", column.plain):
                 groups.setdefault(named[1], {}).setdefault(int(named[2]), column)
         for start, group in groups.items():
-            whole = sorted(group) in (list(range(len(group))), list(range(1, len(group) + 1)))
-            if whole and not (start and stem in OF_JOINTS) and (len(group) == width if width else len(group) > 1):
+            if (
+                _is_counted(group)
+                and not (start and stem in OF_JOINTS)
+                and (len(group) == width if width else len(group) > 1)
+            ):
                 axes = {"log.wrench_axes": "base"} if stem in IN_BASE_AXES else {}
                 yield from _match(quantity, [group[i] for i in sorted(group)], start, axes)
+
+
+def _is_counted(group: Mapping[int, _Column]) -> bool:
+    """Whether the numbers of columns are counted from 0 or 1 without a gap."""
+    return sorted(group) in (list(range(len(group))), list(range(1, len(group) + 1)))
 
 
 def _by_joint(quantity: str, columns: Sequence[_Column], joints: Sequence[str] | None) -> Iterator[Match]:
@@ -175,8 +183,7 @@ def _named_after_joints(quantity: str, columns: Sequence[_Column], before: str, 
     """Yield columns of joints of unknown names: the last part of a path without the word for the quantity."""
     groups: dict[str, list[tuple[str, _Column]]] = {}
     for column in columns:
-        folders = column.name.split("/")[: -2 if after else -1]
-        folder = "/".join(folders)
+        folder = "/".join(column.name.split("/")[: -2 if after else -1])
         inner = column.plain.removeprefix(_plain(folder)).strip("_")
         joint = inner[len(before) : len(inner) - len(after)]
         if inner.startswith(before) and inner.endswith(after) and len(joint) > 1 and not joint.isdecimal():
@@ -195,7 +202,7 @@ def _numbered_joints(quantity: str, columns: Sequence[_Column], count: int) -> I
             if named := re.fullmatch(rf"((?:.*_)?{before}[a-z]+)_?(\d{{1,3}}){after}", column.plain):
                 groups.setdefault(named[1], {}).setdefault(int(named[2]), column)
         for start, group in groups.items():
-            if len(group) == count and sorted(group) in (list(range(count)), list(range(1, count + 1))):
+            if len(group) == count and _is_counted(group):
                 yield from _match(quantity, [group[i] for i in sorted(group)], start)
 
 
