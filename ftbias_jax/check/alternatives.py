@@ -124,7 +124,7 @@ def degrees(state: State) -> Iterator[Alternative]:
     """Yield alternatives with joints recorded in degrees, all of them or one; none if their values are too small."""
     case = state.case
     setup, bins = case.setup, case.bins
-    turning = setup.robot.screws[:, 3:].any(1)
+    turning = setup.robot.revolute
     if setup.pose is not None or not (np.abs(bins.q[:, turning]) > LEAST_DEGREES).any():
         return
     names, large = setup.robot.joint_names, turning & (np.abs(bins.q) > LEAST_DEGREES).any(0)

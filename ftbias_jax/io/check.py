@@ -84,9 +84,8 @@ def check_samples(log: Log, setup: Setup, *, file: str = "", first: int = 0) -> 
     """Check recorded samples, or a part from sample ``first`` on; return float64 in SI units with the report's sign."""
     floats = {name: values.copy() for name, values in floats_of(log, setup, file=file, first=first).items()}
     if setup.pose is None:
-        turns = np.abs(setup.robot.screws[:, 3:]).sum(1) > 0
         angle = np.pi / 180 if setup.log.angle_unit == "deg" else 1.0
-        unit = np.where(turns, angle, LENGTH_UNITS[setup.log.length_unit])
+        unit = np.where(setup.robot.revolute, angle, LENGTH_UNITS[setup.log.length_unit])
         if (unit != 1).any():
             floats |= {name: floats[name] * unit for name in ("q", "dq")}
     scale = np.repeat([FORCE_UNITS[setup.log.force_unit], TORQUE_UNITS[setup.log.torque_unit]], 3)

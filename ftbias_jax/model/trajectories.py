@@ -36,7 +36,7 @@ def working_range(setup: Setup) -> tuple[Array, Array]:
     """Centre and excursion (n,) rad of a sensible motion of the robot."""
     if setup.robot.model.split("_")[0] in ("panda", "fr3"):
         return np.array(FRANKA_CENTER), np.array(FRANKA_EXCURSION)
-    revolute = np.abs(setup.robot.screws[:, 3:]).sum(1) > 0
+    revolute = setup.robot.revolute
     excursion = np.where(revolute, *EXCURSION)
     if setup.robot.position_limits is None:
         return np.zeros(len(revolute)), excursion

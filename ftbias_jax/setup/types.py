@@ -59,6 +59,12 @@ class RobotSetup:
     urdf_links: tuple[str, str] | None = None
     """Base and flange links in the URDF; None = the arm is not from a URDF."""
 
+    @property
+    def revolute(self) -> Array:
+        """(n,) whether a joint turns; the others are prismatic."""
+        turns: Array = self.screws[:, 3:].any(1)
+        return turns
+
 
 @dataclass(frozen=True, eq=False)
 class SensorSetup:

@@ -282,7 +282,7 @@ def _joint_units(read: Read) -> Keys:
     stated = setup.robot.position_limits
     limits = np.full((log.q.shape[1], 2), np.inf) if stated is None else stated
     most = np.where(np.isfinite(limits), np.abs(limits), 4 * np.pi).max(1) + 0.5
-    turns = np.any(setup.robot.screws[:, 3:] != 0, 1)
+    turns = setup.robot.revolute
     beyond = np.nanmax(np.abs(log.q), 0) > np.where(turns, np.maximum(most, 2 * np.pi), 10 * most)
     keys: Keys = {}
     if (beyond & turns).any():
