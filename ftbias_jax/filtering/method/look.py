@@ -20,9 +20,10 @@ from ftbias_jax.filtering.noise.blocks import (
     layout_of,
     without_jumps,
 )
-from ftbias_jax.filtering.noise.contact import Contact, Contacts, find_contacts, listed, slow_std
+from ftbias_jax.filtering.noise.contact import Contact, Contacts, find_contacts, listed
 from ftbias_jax.filtering.noise.fit_noise import Noise, fit_noise
 from ftbias_jax.filtering.noise.free_motion import is_touched_all_along
+from ftbias_jax.filtering.noise.levels import slow_std
 from ftbias_jax.filtering.noise.log_noise import LogNoise, log_noise_from, nothing
 from ftbias_jax.filtering.noise.tool_force import with_tool_as_seen
 from ftbias_jax.filtering.noise.vibration import fit_vibration

@@ -3,6 +3,10 @@
 A filter takes the force of a contact of one second for bias. Contact is therefore searched for first, in blocks: a
 level follows the measured bias while nothing touches the tool, and is held during contact. A change that persists is a
 jump of the bias and is accepted.
+
+The level begins at the first reading. A log that begins in contact, or is touched during most of it, would be taken the
+wrong way round, with the contact as free motion: the level to which the measured bias returns most exactly is tried as
+well, and replaces it where the log is clearly in two parts, one calm and one that varies.
 """
 
 from collections.abc import Sequence
@@ -15,27 +19,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
+from ftbias_jax.filtering.noise.levels import FOLLOW, calmest_level, mean_std, slow_std, white_std
 from ftbias_jax.runtime.compiled_loops import compile_whole, running_sum
 from ftbias_jax.types import Array
 
-FOLLOW = 0.5
-"""s: time constant with which the level follows; model errors in motion are slower, contacts are faster."""
 BEGIN = 8.0
 """Standard deviations of a block's mean beyond which contact begins."""
 BEGIN_SLOW = 4.0
 """Standard deviations of the slow variation in free motion, mostly model errors, beyond which contact begins."""
 END = 0.5
 """Share of the begin threshold; contact ends when every axis that exceeded the threshold is back within this share."""
-CORRELATED = 4.0
-"""Ratio of the variance of a block's mean to that of white noise, because vibration is not white."""
-CALM = 0.35
-"""Share of a log that is assumed to be free of contact."""
-SHORTEST_HALF_WIDTH = 0.454
-"""Half the width, in standard deviations, of the shortest interval that holds a share CALM of a normal distribution."""
-CALM_MOVES, MOVES_QUANTILE = 0.2, 0.358
-"""Share of differences between two times that are both calm, and that quantile of such differences for unit noise."""
-WINDOW = 20.0
-"""s, window of ``slow_std``; the bias itself hardly moves in so short a time."""
 FIRST = 5
 """Number of blocks at the start whose median is the first level."""
 ONSET = 3.0
@@ -46,6 +39,23 @@ SETTLED = 5.0
 """s without change after which a departure is taken for a jump of the bias."""
 MOST = 0.6
 """Share of a log in contact above which the level is not trusted and nothing is left out."""
+MUCH, MOST_OF_CALMEST = 0.25, 0.9
+"""Shares of a log in contact between which the calmest level may replace the first one."""
+CALMER = 1.5
+"""Ratio by which the free part of a log must be calmer if the calmest level is to replace the first one."""
+HARDLY = 0.2
+"""Share of the blocks in contact that may exceed the threshold by less than twice: contact is far from free motion."""
+SUDDEN = 0.6
+"""Share of the usual departure by which contact begins within LONGEST_ONSET blocks; errors that follow the arm's
+motion take longer."""
+LONGEST_ONSET = 3
+FEWEST, TINY = 3, 1e-12
+"""Number of contacts after each of which the reading must have returned to the same level."""
+EVEN = 0.3, 0.7
+"""Shares of a log in contact between which calm and contact may be confused, if neither is calmer than the other."""
+AS_CALM, MUCH_CALMER = 2.0, 0.5
+"""Spread in contact relative to that of free motion: below the first they may be confused, below the second they
+probably are."""
 
 
 class Contact(NamedTuple):
@@ -67,6 +77,8 @@ class Contacts(NamedTuple):
     """Whether something touches the tool."""
     departure: Float[Array, "N 6"]
     """N, Nm: departure of each block from the level."""
+    undecided: Float[Array, " 6"]
+    """N, Nm: departure in contact, if the free part may as well be the contact; 0 = there is no doubt."""
 
     @property
     def near(self) -> Bool[Array, " N"]:
@@ -78,17 +90,52 @@ class Contacts(NamedTuple):
 def find_contacts(blocks: Blocks, layout: Layout, slow: Float[Array, " 6"]) -> Contacts:
     """Intervals in which the measured bias departs from its level by more than noise does, on a force axis.
 
-    There are none if they would take more than MOST of the log. ``slow`` is its slow variation, N, Nm (``slow_std``).
+    There are none if they would take more than MOST of the log and no part of it is clearly calm. ``slow`` is its slow
+    variation, N, Nm (``slow_std``).
+    """
+    measured = jnp.isfinite(blocks.mean).any(1).argmax()
+    rows = jax.lax.dynamic_slice(blocks.mean, (measured, 0), (min(FIRST, len(blocks.mean)), 6))
+    first_level = jnp.nan_to_num(nan_median(rows))
+    calm, usual = calmest_level(blocks, layout), mean_std(blocks, layout)
+    settled_after = jnp.asarray([round(SETTLED / layout.seconds), len(blocks.t)])
+    given = (first_level, calm.level), (usual, jnp.zeros_like(usual) + calm.noise[None]), (slow, calm.spread)
+    both = jax.vmap(partial(_contacts_from, blocks, layout))(*(jnp.stack(pair) for pair in given), settled_after)
+    (found, _), (of_calmest, begin) = (jax.tree.map(lambda x, k=k: x[k], both) for k in (0, 1))
+    too_many = _share(blocks, found) > MOST
+    clear = _is_clear(blocks, of_calmest, begin) & jnp.where(
+        too_many,
+        _spread_ratio(blocks, layout, of_calmest) > AS_CALM,
+        _spread(blocks, layout, ~of_calmest.near) * CALMER < _spread(blocks, layout, ~found.near),
+    )
+    found, dropped = jax.tree.map(lambda x, y: jnp.where(clear, y, x), found, of_calmest), too_many & ~clear
+    departure = nan_median(jnp.where(found.inside[:, None], jnp.abs(found.departure), jnp.nan))
+    return found._replace(
+        first=jnp.where(dropped, -1, found.first),
+        inside=found.inside & ~dropped,
+        undecided=jnp.where(dropped | _is_doubtful(blocks, layout, found), jnp.nan_to_num(departure), 0.0),
+    )
+
+
+def _contacts_from(
+    blocks: Blocks, layout: Layout, level: Array, sigma: Array, slow: Array, settled_after: Array
+) -> tuple[Contacts, Array]:
+    """Contacts (N blocks) if the bias begins at a level, and the departures (N, 6) beyond which contact begins.
+
+    Args:
+        blocks: of the log.
+        layout: of the blocks.
+        level: (6,) N, Nm.
+        sigma: (N, 6) N, Nm, standard deviation of a block's mean about the level.
+        slow: (6,) N, Nm, slow variation in free motion.
+        settled_after: number of blocks without change after which a departure is taken for a jump of the bias.
     """
     index = jnp.arange(len(blocks.t))
     there = index < blocks.number
-    sigma = mean_std(blocks, layout)
     begin = jnp.maximum(BEGIN * sigma, BEGIN_SLOW * slow[None])
     # The block in which a contact begins has a large scatter and passes as noise, but it must not move the level.
     usual = nan_median(jnp.where(there[:, None], sigma, jnp.nan))
     most = BEGIN * usual
-    rate = min(1.0, layout.seconds / FOLLOW)
-    settled_after = round(SETTLED / layout.seconds)
+    rate, long = min(1.0, layout.seconds / FOLLOW), round(SETTLED / layout.seconds)
 
     def step(most: Array, carry: Any, block: Any) -> tuple[Any, tuple[Array, Array]]:
         (level, first, left, largest), (k, mean, begin, one_level) = carry, block
@@ -98,7 +145,7 @@ def find_contacts(blocks: Blocks, layout: Layout, slow: Float[Array, " 6"]) -> C
         # The slow variation continues during a contact: axes that never left the level need not return to it.
         left = (off > begin) | (left & (first >= 0))
         opens = (first < 0) & (off > begin)[:3].any()
-        end, longer = END * begin, (k - first) / settled_after
+        end, longer = END * begin, (k - first) / long
         end = jnp.maximum(end, jnp.minimum(end * longer, CEASED * largest))
         closes = (first >= 0) & jnp.where(left, off < end, True).all()
         settles = (first >= 0) & ~closes & one_level & (k - first >= settled_after)
@@ -110,21 +157,61 @@ def find_contacts(blocks: Blocks, layout: Layout, slow: Float[Array, " 6"]) -> C
         carry = jax.tree.map(lambda new, old: jnp.where(seen, new, old), (level_after, after, left, largest), carry)
         return carry, (jnp.where(seen, departure, 0), jnp.where(seen & closes, first, -1))
 
-    measured = jnp.isfinite(blocks.mean).any(1).argmax()
-    rows = jax.lax.dynamic_slice(blocks.mean, (measured, 0), (min(FIRST, len(blocks.mean)), 6))
-    start = (jnp.nan_to_num(nan_median(rows)), jnp.asarray(-1), jnp.zeros(6, bool), jnp.zeros(6, blocks.mean.dtype))
     # Chatter of a tool that grinds scatters as much as the force of contact varies; the bias does neither.
-    inputs = (index, blocks.mean, begin, _on_one_level(blocks.mean, jnp.minimum(sigma, usual[None]), settled_after))
+    inputs = (index, blocks.mean, begin, _on_one_level(blocks.mean, jnp.minimum(sigma, usual[None]), long))
 
+    start = (level, jnp.asarray(-1), jnp.zeros(6, bool), jnp.zeros(6, blocks.mean.dtype))
     follow = compile_whole(lambda start, inputs, most: jax.lax.scan(partial(step, most), start, inputs))
     (_, open_since, *_), (departure, first) = follow(start, inputs, most)
     first = jnp.where((index == blocks.number - 1) & (open_since >= 0), open_since, first)
     first = _taken_back(first, departure / white_std(blocks), round(FOLLOW / layout.seconds))
-    total = jnp.where(first >= 0, blocks.t - blocks.t[first], 0).sum()
-    first = jnp.where(total > MOST * (blocks.t[blocks.number - 1] - blocks.t[0]), -1, first)
     ends = (first >= 0).astype(int)
     begun = jnp.zeros(len(first) + 1, int).at[jnp.where(first >= 0, first, len(first))].add(1)[:-1]
-    return Contacts(first, running_sum(begun - ends) > 0, departure)
+    return Contacts(first, running_sum(begun - ends) > 0, departure, jnp.zeros_like(level)), begin
+
+
+def _share(blocks: Blocks, found: Contacts) -> Array:
+    """Share of a log in contact."""
+    total = jnp.where(found.first >= 0, blocks.t - blocks.t[found.first], 0).sum()
+    return total / jnp.maximum(blocks.t[blocks.number - 1] - blocks.t[0], TINY)
+
+
+def _spread(blocks: Blocks, layout: Layout, taken: Bool[Array, " N"]) -> Array:
+    """N: slow variation of the force in the blocks that are taken."""
+    only = blocks._replace(mean=jnp.where(taken[:, None], blocks.mean, jnp.nan))
+    return jnp.sqrt((slow_std(only, layout)[:3] ** 2).sum())
+
+
+def _spread_ratio(blocks: Blocks, layout: Layout, found: Contacts) -> Array:
+    """Spread of the force in contact relative to that in free motion."""
+    return _spread(blocks, layout, found.inside) / jnp.maximum(_spread(blocks, layout, ~found.near), TINY)
+
+
+def _is_clear(blocks: Blocks, found: Contacts, begin: Array) -> Bool[Array, ""]:
+    """Whether a log is clearly in two parts, with sudden changes from one to the other."""
+    share = _share(blocks, found)
+    departure = jnp.where(found.inside[:, None], jnp.abs(found.departure), 0)[:, :3]
+    number = jnp.maximum(found.inside.sum(), 1)
+    hardly = (found.inside & (departure < 2 * begin[:, :3]).all(1)).sum() / number
+    size = jnp.sqrt((departure**2).sum() / number)
+    begins = found.inside & ~jnp.pad(found.inside, (1, 0))[:-1]
+    rise = jnp.sqrt((_change(blocks.mean[:, :3], LONGEST_ONSET) ** 2).sum(1))
+    sudden = nan_median(jnp.where(begins, rise, jnp.nan)) > SUDDEN * size
+    often = (found.first >= 0).sum() >= FEWEST
+    return (share > MUCH) & (share < MOST_OF_CALMEST) & (hardly < HARDLY) & sudden & often
+
+
+def _change(x: Array, lag: int) -> Array:
+    """Change (N, 3) of x from the block before each one to ``lag`` - 1 blocks after it; 0 where that is unknown."""
+    changed = jnp.pad(x[lag:] - x[:-lag], ((1, 0), (0, 0)))
+    return jnp.nan_to_num(jnp.pad(changed, ((0, len(x) - len(changed)), (0, 0))))
+
+
+def _is_doubtful(blocks: Blocks, layout: Layout, found: Contacts) -> Bool[Array, ""]:
+    """Whether the free part of a log may as well be the contact."""
+    share, ratio = _share(blocks, found), _spread_ratio(blocks, layout, found)
+    alike = (share > EVEN[0]) & (share < EVEN[1]) & (ratio < AS_CALM)
+    return ((found.first >= 0).sum() >= FEWEST) & (alike | ((share > EVEN[0] / 2) & (ratio < MUCH_CALMER)))
 
 
 def _on_one_level(mean: Array, sigma: Array, count: int) -> Array:
@@ -159,52 +246,9 @@ def _taken_back(first: Array, off: Array, most: int) -> Array:
     return jnp.where(first >= 0, jnp.maximum(moved, 0), -1)
 
 
-def mean_std(blocks: Blocks, layout: Layout) -> Float[Array, "N 6"]:
-    """Standard deviation (N, 6) N, Nm of a block's mean about the level, by noise and by variation between blocks."""
-    # The usual motion of the level is taken from the calmer part of the log, because contacts are in the other part.
-    lag = max(1, round(FOLLOW / layout.seconds))
-    moves = jnp.abs(blocks.mean[lag:] - blocks.mean[:-lag])
-    usual = jnp.nanquantile(moves, CALM_MOVES, axis=0) / MOVES_QUANTILE if len(moves) else jnp.zeros(6, moves.dtype)
-    return jnp.hypot(white_std(blocks), jnp.nan_to_num(usual)[None])
-
-
-def white_std(blocks: Blocks) -> Float[Array, "N 6"]:
-    """Standard deviation (N, 6) N, Nm of a block's mean, from the scatter of its samples."""
-    white = jnp.fmax(blocks.scatter, blocks.stated) / jnp.maximum(blocks.count, 1)
-    return jnp.sqrt(CORRELATED * jnp.nan_to_num(white, nan=jnp.inf))
-
-
-def slow_std(blocks: Blocks, layout: Layout) -> Float[Array, " 6"]:
-    """Variation (6,) N, Nm of the measured bias over WINDOW seconds, from the shortest interval that holds CALM of it.
-
-    Such an interval ignores the rest, which may be in contact.
-    """
-    size = max(10, round(WINDOW / layout.seconds))
-    number = max(1, -(-(len(blocks.mean) - size // 2) // size))
-    missing = max(0, number * size - len(blocks.mean))
-    padded = jnp.pad(blocks.mean, ((0, missing), (0, 0)), constant_values=jnp.nan)
-    windows = padded[: number * size].reshape(number, size, 6)
-    begun = jnp.arange(number) * size < jnp.maximum(1, blocks.number - size // 2)
-    widths = jnp.where(begun[:, None], _shortest(windows), jnp.nan)
-    return jnp.nan_to_num(nan_median(widths)) / SHORTEST_HALF_WIDTH
-
-
-def _shortest(windows: Float[Array, "W S 6"]) -> Float[Array, "W 6"]:
-    """Half the width of the shortest interval that holds a share CALM of each window's values; NaN = none."""
-    ordered = jnp.sort(windows, axis=1)  # NaN come last
-    number = jnp.isfinite(windows).sum(1)
-    count = jnp.maximum(2, jnp.round(CALM * number)).astype(int)
-    index = jnp.arange(windows.shape[1])[None, :, None]
-    upto = jnp.minimum(index + count[:, None] - 1, windows.shape[1] - 1)
-    widths = jnp.take_along_axis(ordered, upto, 1) - ordered
-    inside = index + count[:, None] <= number[:, None]
-    shortest = jnp.where(inside, widths, jnp.inf).min(1)
-    return jnp.where(jnp.isfinite(shortest), shortest / 2, jnp.nan)
-
-
 def listed(contacts: Contacts, t: np.ndarray, layout: Layout) -> tuple[Contact, ...]:
     """The contacts of a log as a list in the order of time; t (N,) s, middles of its blocks."""
-    first, _, departure = (np.asarray(x) for x in contacts)
+    first, departure = np.asarray(contacts.first), np.asarray(contacts.departure)
     found, half = [], layout.seconds / 2
     for last in np.flatnonzero(first >= 0):
         largest = departure[first[last] : last + 1]

@@ -8,8 +8,9 @@ from jaxtyping import Bool, Float
 
 from ftbias_jax.filtering.noise.block_filter import Grid, Means, filter_blocks
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
-from ftbias_jax.filtering.noise.contact import Contacts, find_contacts, slow_std
+from ftbias_jax.filtering.noise.contact import Contacts, find_contacts
 from ftbias_jax.filtering.noise.free_motion import hidden_bias
+from ftbias_jax.filtering.noise.levels import slow_std
 from ftbias_jax.filtering.noise.scatter import HEAVY
 from ftbias_jax.filtering.noise.slow_noise import SlowNoise, fit_slow_noise, join_blocks
 from ftbias_jax.filtering.noise.tool_force import error_of_tool_force, with_tool_as_seen
@@ -50,7 +51,8 @@ class Noise(NamedTuple):
     inflation: Float[Array, " 6"]
     """Factor, 1 or more, on the standard deviations of bias and drift that the innovations still contradict."""
     hidden: Float[Array, " 6"]
-    """N, Nm: possible error of the bias because the tool is touched throughout; 0 where the log has free motion."""
+    """N, Nm: possible error of the bias because the tool is touched throughout, or may be while it seems free; 0 where
+    the log has free motion."""
     tool_error: Float[Array, ""]
     """Relative error of the tool's force as stated, that the reading shows in motion; 0 = none that is significant."""
     block_times: Float[Array, " N"]
@@ -104,7 +106,9 @@ def fit_noise(stated: BiasNoise, blocks: Blocks, layout: Layout) -> tuple[BiasNo
         slow = SlowNoise(stated.correlated_std, stated.correlated_time, jnp.zeros(6, means.y.dtype))
         density = jnp.zeros(6, means.y.dtype)
         factor = inflation(means.t, innovations(slow, density))
-    hidden = jnp.zeros(6, y.dtype) if blocks.tool is None else hidden_bias(blocks, blocks.tool, layout, stated)
+    hidden = contacts.undecided
+    if blocks.tool is not None:
+        hidden = jnp.maximum(hidden, hidden_bias(blocks, blocks.tool, layout, stated))
     tool_error = error_of_tool_force(blocks, free, layout)
     noise = Noise(contacts, vibration, slow, density, offset, factor, hidden, tool_error, blocks.t)
     return with_noise(given, noise), noise

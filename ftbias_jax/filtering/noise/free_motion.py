@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
-from ftbias_jax.filtering.noise.contact import white_std
+from ftbias_jax.filtering.noise.levels import white_std
 from ftbias_jax.model.params import BiasNoise
 from ftbias_jax.types import Array
 

@@ -15,6 +15,7 @@ from ftbias_jax.types import AXES, Array
 MARGIN = 0.05
 """s before and after a contact that are left out with it."""
 TOUCHED = "no free motion: something touches the tool from the first to the last second, and the bias may be off"
+EITHER = "something touches the tool for much of the log, it is not certain when it is free, and the bias may be off"
 TARE = "do not trust it; tare with nothing at the tool, or record some seconds of free motion"
 BEGUN_AGAIN = (
     "the gate rejected most readings after the first ones: the bias was initialised at the log's median instead"
@@ -36,7 +37,10 @@ class LogNoise(NamedTuple):
     begun_again: bool = False
     """Whether the bias begins at the log's median, because the gate rejected most samples after the first readings."""
     hidden: Array = np.zeros(6)
-    """(6,) N, Nm: possible error of the bias because the tool is touched throughout; 0 = the log has free motion."""
+    """(6,) N, Nm: possible error of the bias because the tool is touched throughout, or may be while it seems free;
+    0 = the log has free motion."""
+    undecided: bool = False
+    """Whether contact and free motion alternate, and may be confused."""
     density: Array = np.zeros(6)
     """(6,) N/s^1.5, Nm/s^1.5: density of a bias that wanders more than stated, 0 on axes where it does not."""
     tool_error: float = 0.0
@@ -64,6 +68,7 @@ def log_noise_from(found: Noise, layout: Layout, *, slow_is_stated: bool) -> Log
         found.inflation,
         hidden=hidden,
         density=density,
+        undecided=bool((np.asarray(found.contacts.undecided) == hidden).all() and hidden.any()),
         tool_error=float(found.tool_error),
     )
 
@@ -119,7 +124,8 @@ def remarks_of_noise(noise: LogNoise) -> Repairs:
         why = "another tool, a gain, or long contact?"
         repairs.append(Repair(f"{what}: {why} Run ftbias identify or diagnose; the error bars include it"))
     if noise.hidden.any():
-        return (*repairs, Repair(f"{TOUCHED}, by {by_axis(noise.hidden)} N, Nm: {TARE}", lost=True))
+        why = EITHER if noise.undecided else TOUCHED
+        return (*repairs, Repair(f"{why}, by {by_axis(noise.hidden)} N, Nm: {TARE}", lost=True))
     if not noise.kept_out:
         return tuple(repairs)
     what = f"the gate keeps out {noise.kept_out:.0%} of the log, for any initial bias: do not trust the bias"

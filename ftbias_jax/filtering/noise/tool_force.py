@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
+from ftbias_jax.filtering.noise.levels import calmest_level
 from ftbias_jax.types import Array
 
 LAG = 2.0
@@ -21,6 +22,8 @@ CHANCE, LEAST = 4.0, 0.02
 calibrated to a per cent or two."""
 OUTLYING, NORMAL_MEDIAN = 5.0, 0.6745
 """Standard deviations of the changes beyond which something else changed; median size of standard normal numbers."""
+CALMER = 0.7
+"""Ratio of the spread of the calm part as measured to that without another tool below which the tool is as stated."""
 TINY = 1e-12
 
 
@@ -41,7 +44,11 @@ def with_tool_as_seen(blocks: Blocks, layout: Layout) -> Blocks:
     every = jnp.arange(len(blocks.t)) < blocks.number
     force_and_torque = (x.reshape(-1, 2, 3).swapaxes(0, 1) for x in (blocks.tool, blocks.mean))
     factors = jax.vmap(lambda tool, bias: _relative_error(tool, bias, every, blocks.t, layout))(*force_and_torque)
-    return blocks._replace(mean=blocks.mean + jnp.repeat(factors, 3)[None] * blocks.tool)
+    as_seen = blocks._replace(mean=blocks.mean + jnp.repeat(factors, 3)[None] * blocks.tool)
+    # Long contact may follow the tool's force by chance; a tool that is truly another one makes no calm part less calm.
+    spread = (jnp.sqrt((calmest_level(x, layout).spread[:3] ** 2).sum()) for x in (blocks, as_seen))
+    is_calmer = next(spread) < CALMER * next(spread)
+    return blocks._replace(mean=jnp.where(is_calmer, blocks.mean, as_seen.mean))
 
 
 def _relative_error(

@@ -14,9 +14,8 @@ from ftbias_jax.filtering.noise.contact import (
     find_contacts,
     in_contact,
     listed,
-    mean_std,
-    slow_std,
 )
+from ftbias_jax.filtering.noise.levels import mean_std, slow_std
 from ftbias_jax.io.log import Log
 
 FORCE = np.array([-5.0, 0, 0, 0, 0.2, 0])
@@ -176,6 +175,62 @@ def test_what_takes_most_of_a_log_is_not_trusted():
     assert contacts_of(t, pushed(t, y, *most)) == []
 
 
+def presses(rng, t, share, *, begins=False, chatter=0.1, apart=0.2):
+    """Pushes of about 1.5 s that differ from each other and vary, for a share of a log, and when there is one.
+
+    With ``begins`` the log starts within one.
+    """
+    edges, force = [-1.0 if begins else 2.0], np.zeros((len(t), 6))
+    while edges[-1] < t[-1]:
+        edges.append(edges[-1] + rng.uniform(1, 2) * (share if len(edges) % 2 else 1 - share) / 0.5)
+    for start, end in zip(edges[::2], edges[1::2], strict=False):
+        size = 1 + apart * rng.normal() + chatter * gauss_markov(rng, t, np.ones(6), 0.2)[:, :1]
+        force += ((t >= start) & (t < end))[:, None] * size * FORCE
+    return force, force.any(1)
+
+
+@pytest.mark.parametrize("begins", [False, True])
+@pytest.mark.parametrize("share", [0.4, 0.6, 0.75])
+def test_what_the_reading_returns_to_is_free_however_much_of_a_log_is_touched(share, begins):
+    """A log that begins in contact is not taken the wrong way round."""
+    t = stamps(60, 250)
+    right = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        force, touched = presses(rng, t, share, begins=begins)
+        found = in_contact(t, contacts_of(t, free_motion(rng, t) + force))
+        right.append(found[touched].mean() > 0.9 and found[~touched].mean() < 0.2)
+    assert np.mean(right) >= 0.85
+
+
+def test_two_levels_that_are_as_calm_as_each_other_are_told_apart_by_nothing():
+    """Friction that changes its sign with the motion looks like a contact of constant force; so does the opposite."""
+    layout = Layout(25, 0.05)
+    find = jax.jit(lambda blocks: find_contacts(blocks, layout, slow_std(blocks, layout)))
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        force, touched = presses(rng, t := stamps(60, 20), 0.5, chatter=0, apart=0)
+        y = free_motion(rng, t, STD / 5) + force
+        found = find(made_blocks(t, y, STD**2))
+        right = np.asarray(found.inside)[touched].mean() > 0.9
+        assert right or (np.asarray(found.undecided)[0] > 0.8 * abs(FORCE[0]))
+        assert np.asarray(found.undecided).any()
+
+
+def test_an_error_that_follows_the_motion_is_no_contact():
+    """Point to point, a wrong model has another error at each rest, and moves from one to the next in a second."""
+    t = stamps(60, 250)
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        rests = 0.2 * rng.normal(size=(40, 6)) * FORCE
+        k, part = np.divmod(t / 3.0, 1.0)
+        part = np.clip(part * 3.0, 0, 1)  # moves for 1 s, rests for 2 s
+        ramp = (part**3 * (10 - 15 * part + 6 * part**2))[:, None]
+        error = rests[k.astype(int)] * (1 - ramp) + rests[k.astype(int) + 1] * ramp
+        touched = in_contact(t, contacts_of(t, free_motion(rng, t) + error))
+        assert touched.mean() < 0.25
+
+
 def test_the_usual_spread_is_measured_in_the_calm_part():
     """The spread is the same with contacts in a third of the log as without."""
     t = stamps(60, 250)
@@ -199,7 +254,7 @@ def test_what_is_inside_a_contact_and_beside_it_by_blocks_and_by_samples():
     inside = np.isin(np.arange(9), [1, 2, 3, 6])
     departure = np.zeros((9, 6))
     departure[2, 0], departure[3, 4] = -5, 2
-    contacts, layout = Contacts(first, inside, departure), Layout(10, 0.1)
+    contacts, layout = Contacts(first, inside, departure, np.zeros(6)), Layout(10, 0.1)
     np.testing.assert_array_equal(np.flatnonzero(contacts.near), [0, 1, 2, 3, 4, 5, 6, 7])
     np.testing.assert_array_equal(np.flatnonzero(to_samples(layout, inside, 95)), [*range(10, 40), *range(60, 70)])
     one, two = listed(contacts, 0.1 * np.arange(9) + 0.05, layout)

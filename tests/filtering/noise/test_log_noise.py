@@ -7,7 +7,7 @@ import pytest
 from made_series import STD, blocks_of, free_motion, gauss_markov, made_blocks, stamps
 
 from ftbias_jax.filtering.noise.blocks import Layout
-from ftbias_jax.filtering.noise.contact import Contact, slow_std
+from ftbias_jax.filtering.noise.contact import Contact
 from ftbias_jax.filtering.noise.fit_noise import (
     drop_zero_terms,
     fit_noise,
@@ -17,6 +17,7 @@ from ftbias_jax.filtering.noise.fit_noise import (
     with_noise,
 )
 from ftbias_jax.filtering.noise.fit_noise import inflation as jax_inflation
+from ftbias_jax.filtering.noise.levels import slow_std
 from ftbias_jax.filtering.noise.log_noise import LogNoise, describe, log_noise_from, nothing, remarks_of_noise
 from ftbias_jax.filtering.noise.slow_noise import SlowNoise
 from ftbias_jax.filtering.noise.vibration import Shares, Vibration

@@ -8,7 +8,8 @@ import pytest
 from made_series import STD, free_motion, made_blocks, stamps
 
 from ftbias_jax.filtering.noise.blocks import Layout
-from ftbias_jax.filtering.noise.contact import find_contacts, listed, slow_std
+from ftbias_jax.filtering.noise.contact import find_contacts, listed
+from ftbias_jax.filtering.noise.levels import slow_std
 from ftbias_jax.filtering.noise.tool_force import FEWEST, SEGMENT, error_of_tool_force, with_tool_as_seen
 
 LAYOUT = Layout(25, 0.05)
