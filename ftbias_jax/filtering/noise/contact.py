@@ -99,7 +99,8 @@ def find_contacts(blocks: Blocks, layout: Layout, slow: Float[Array, " 6"]) -> C
     calm, usual = calmest_level(blocks, layout), mean_std(blocks, layout)
     settled_after = jnp.asarray([round(SETTLED / layout.seconds), len(blocks.t)])
     given = (first_level, calm.level), (usual, jnp.zeros_like(usual) + calm.noise[None]), (slow, calm.spread)
-    both = jax.vmap(partial(_contacts_from, blocks, layout))(*(jnp.stack(pair) for pair in given), settled_after)
+    level, sigma, slow = (jnp.stack(pair) for pair in given)
+    both = jax.vmap(partial(_contacts_from, blocks, layout))(level, sigma, slow, settled_after)
     (found, _), (of_calmest, begin) = (jax.tree.map(lambda x, k=k: x[k], both) for k in (0, 1))
     too_many = _share(blocks, found) > MOST
     clear = _is_clear(blocks, of_calmest, begin) & jnp.where(
