@@ -6,6 +6,7 @@ float64 needs JAX's x64 mode.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -13,6 +14,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
+from ftbias_jax.errors import SetupError
 from ftbias_jax.filtering import bias_filter, joint_filter
 from ftbias_jax.filtering.gaussian import Innovation
 from ftbias_jax.model.kinematics.recorded_pose import speeds_of
@@ -82,6 +84,7 @@ def init(params: Params, samples: Sample) -> State:
     return State(joint_filter.init(params.joint, start), bias_filter.init(params.bias))
 
 
+@partial(jax.jit, static_argnames="options", inline=True)
 def step(params: Params, state: State, sample: Sample, options: Options = DEFAULT_OPTIONS) -> tuple[State, Info]:
     """One sample through the pipeline (report, sections 1 to 3).
 
@@ -95,7 +98,8 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
         the state after the sample, and its innovations and likelihood.
     """
     if params.effects is not None:
-        raise ValueError("known effects act on whole logs, not on single samples: use pipeline.run")
+        remedy = "filter whole logs (pipeline.run, filter_log), or leave them out; ftbias export writes a mended robot"
+        raise SetupError("known effects act on whole logs, not on single samples", field="effects", remedy=remedy)
     joint, joint_innovation = joint_filter.step(
         params.joint, state.joint, sample.dt, sample.q, sample.dq, options.joint_model
     )

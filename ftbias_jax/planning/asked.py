@@ -124,7 +124,8 @@ def _rows(effect: Effect, parameter: Parameter, values: np.ndarray) -> list[tupl
     axes: dict[tuple[int, ...], tuple[str, ...]] = {(): ("",), (3,): ("_x", "_y", "_z")}
     axes[(6,)] = tuple(f"_{axis}" for axis in (INERTIA if parameter.unit == "kg m^2" else AXES))
     by_number = tuple("_" + ",".join(str(i + 1) for i in index) for index in np.ndindex(np.shape(values)))
-    labels = axes.get(np.shape(values), by_number)
+    # Six joints are not the six axes of a wrench.
+    labels = by_number if isinstance(effect.fit.search, ByJoint) else axes.get(np.shape(values), by_number)
     sizes = np.broadcast_to(size, at.shape).tolist()
     return [(parameter.name + label, parameter.unit, one) for label, one in zip(labels, sizes, strict=True)]
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from jax.flatten_util import ravel_pytree
 from small_filters import assert_all_close
 
+from ftbias_jax.errors import SetupError
 from ftbias_jax.filtering import pipeline
 from ftbias_jax.filtering.pipeline import Options
 from ftbias_jax.filtering.samples import pad, samples_from_log
@@ -57,10 +58,17 @@ def test_run_is_a_loop_of_step(params, samples):
     assert_close(pipeline.scan_steps(params, pipeline.init(params, samples), samples, emit=pipeline.keep_all), expected)
 
 
+def test_a_step_is_compiled(params, samples):
+    """A driver calls it once for each sample."""
+    state, sample = pipeline.init(params, samples), first_of(samples)
+    assert pipeline.step.lower(params, state, sample).compile()
+    assert_close(pipeline.step(params, state, sample), pipeline.step.__wrapped__(params, state, sample))
+
+
 def test_single_steps_refuse_effects(params, samples):
     """An effect with memory cannot be computed from one sample."""
     knowing = params._replace(effects={"gain": {"gain": jnp.ones(6)}})
-    with pytest.raises(ValueError, match="whole logs"):
+    with pytest.raises(SetupError, match="whole logs"):
         pipeline.step(knowing, pipeline.init(params, samples), first_of(samples))
 
 

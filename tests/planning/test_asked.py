@@ -10,7 +10,7 @@ from ftbias_jax.model.effects import compose
 from ftbias_jax.model.effects.catalogue import CATALOGUE
 from ftbias_jax.model.effects.types import Model, Signals
 from ftbias_jax.model.params import params_from_setup
-from ftbias_jax.planning.asked import asked_for, columns, inertia_std, reading
+from ftbias_jax.planning.asked import _rows, asked_for, columns, inertia_std, reading
 from ftbias_jax.setup import parse_setup
 
 PARAMS = params_from_setup(parse_setup(SETUP))
@@ -49,6 +49,9 @@ def test_an_offset_is_asked_for_at_every_joint():
     asked = asked_for("encoder_offset", MODEL, CATALOGUE, {"encoder_offset": {"joint": 2.0, "offset": 0.03}})
     assert asked.labels == ("offset_1", "offset_2")
     np.testing.assert_allclose(asked.at, [0, 0.03])
+    effect = CATALOGUE["encoder_offset"]
+    names = [name for name, _, _ in _rows(effect, effect.parameters[1], np.zeros(6))]
+    assert names == [f"offset_{joint}" for joint in range(1, 7)]  # six joints are not the six axes of a wrench
 
 
 def test_values_that_are_known_take_the_place_of_typical_ones():
