@@ -52,7 +52,7 @@ ROUGHLY, ROUGH_STEPS = 0.03, 4
 """A first fit ends with a step that gains less than this share of its total gain, or after this many steps. [dev]"""
 POLISHED, POLISHED_SEARCHED = 0.85, 0.5
 """Shares of the best gain from which a candidate is fitted to convergence, for the same two kinds. [dev]"""
-STARTS_FITTED, PULLS_FITTED = 3, 4
+STARTS_FITTED, PULLS_FITTED = 3, 12
 """Starting points that are fitted per effect without a search of its own, and per elastic pull. [dev]"""
 MOST_ENTRIES, LEAST_ENTRY = 12, 0.01
 """Maximum number of matrix entries that are named, and the share of the gain that each must add. [dev]"""

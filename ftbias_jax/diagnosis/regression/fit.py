@@ -20,7 +20,7 @@ from ftbias_jax.diagnosis.regression.evaluate import measured, readings, slopes,
 from ftbias_jax.diagnosis.thresholds import BLOCK_SECONDS
 from ftbias_jax.filtering.innovation_regression import widened_inverse
 
-MOST_ITERATIONS = 12
+MOST_ITERATIONS = 40
 ENOUGH = 0.3
 """nats; the fit ends with a step that gains less."""
 DAMPINGS = (0.0, 0.03, 1.0, 30.0)
