@@ -250,7 +250,8 @@ def with_nominal(problem: Problem, candidate: Candidate) -> Candidate:
     if candidate.effect not in problem.catalogue:
         return candidate
     entry, known = problem.catalogue[candidate.effect], problem.known.get(candidate.effect, {})
-    stated = {p.name: neutral_of(problem, entry, p.name) for p in entry.parameters if callable(p.neutral)} | known
+    of_setup = (p.name for p in entry.parameters if callable(p.neutral) and not p.optional)
+    stated = {name: neutral_of(problem, entry, name) for name in of_setup} | known
     found = [name for name in candidate.parameters if name in stated]
     nominal = {name: without_round_off(np.asarray(stated[name], float)) for name in found}
     statement = statement_of(entry, candidate, nominal)

@@ -11,6 +11,7 @@ from ftbias_jax.diagnosis.evidence.gap import CrossValidation, HeldOut, gap_remo
 from ftbias_jax.diagnosis.problem import Problem
 from ftbias_jax.diagnosis.regression.evaluate import readings
 from ftbias_jax.diagnosis.regression.fit import Fit, log_likelihood_gain
+from ftbias_jax.diagnosis.regression.fit import base as fit_of_nothing
 from ftbias_jax.diagnosis.regression.score_test import PreparedFit, prepare_fit
 from ftbias_jax.diagnosis.samples.bins import fill_up
 from ftbias_jax.diagnosis.search import enough, gap_of
@@ -18,6 +19,7 @@ from ftbias_jax.diagnosis.terms.dictionary import Dictionary, Ranked, make_dicti
 from ftbias_jax.diagnosis.terms.fit_terms import Described, Solved, fit_terms, improve
 from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, terms_from_residual
 from ftbias_jax.model.effects.terms.columns import added, columns, has_point, state_of
+from ftbias_jax.model.effects.terms.parse import BY_CLOCK
 from ftbias_jax.model.effects.terms.types import State, Term
 
 STARTS = {"attraction": 5, "barrier": 2, "surface": 2, "local": 3}
@@ -101,13 +103,15 @@ class Search:
         """Add terms to a fit while each removes enough on held-out blocks; ``first`` is ``best(start)``."""
         steps: list[Step] = []
         least = max(enough(self.problem, self.base), least_beside_joints(self.problem))
+        # The filter's bias follows what goes by the clock; it is told where it is a share of all that was missing.
+        of_clock = max(least, enough(self.problem, fit_of_nothing(self.problem)))
         now = start
         while len(steps) < thresholds.MOST_TERMS and (not steps or gap_of(self.problem, now) > least):
             chosen = steps[-1].described.terms if steps else ()
             found = self.best(now) if steps else first
             tried = (self._step(start, now, chosen, found, place) for place in range(min(2, len(found))))
             step = next(filter(None, tried), None)
-            if step is None or step.share <= least:
+            if step is None or step.share <= (of_clock if by_clock(step.described.terms[-1]) else least):
                 break
             steps.append(step)
             now = step.described.fit
@@ -185,6 +189,11 @@ def is_gain_too(term: Term, state: State, noise_std: np.ndarray) -> bool:
         sided = np.stack([np.ones_like(of_channel), np.maximum(of_channel, 0), np.minimum(of_channel, 0)], 1)
         left += float(((change - sided @ np.linalg.lstsq(sided, change, rcond=None)[0]) ** 2).sum())
     return left < (1 - thresholds.CLOSE) * len(made) * float(made.var(0).sum())
+
+
+def by_clock(term: Term) -> bool:
+    """Whether a term depends on the time since the first sample of its log."""
+    return term.drive in BY_CLOCK or "time" in term.parameters
 
 
 def numbers_of(term: Term) -> int:
