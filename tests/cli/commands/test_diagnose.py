@@ -8,6 +8,7 @@ import pytest
 import still_logs
 
 from ftbias_jax.cli.main import main
+from ftbias_jax.diagnosis.result import FoundTerm
 from ftbias_jax.setup import load_setup
 
 SETUP = f"""{still_logs.SETUP}
@@ -66,6 +67,20 @@ def test_the_fixed_setup_has_the_old_effects_and_the_causes(folder, calls):
     assert tomllib.loads(text)["effects"] == {"time_delay": {"delay": 0.01}, "tool_mass": {"mass": 0.8134}}
     assert "# ftbias diagnose: 0.8134 ± 0.0041 kg" in text
     assert load_setup("fixed.toml").tool.mass == 0.73
+
+
+def test_what_changes_with_the_time_of_a_log_is_left_to_the_bias(folder, calls, make_diagnosis, monkeypatch, capsys):
+    """In a longer log a parabola of time would reach hundreds of newtons."""
+    section = {"drive": "time", "form": "quadratic", "frame": "sensor", "acts_as": "wrench", "coefficients": [0.1] * 12}
+    term = FoundTerm(
+        "time", "quadratic", "sensor", "wrench", "slow", *[{}] * 4, None, (), (), (), "", 1, 0.1, 0.9, section
+    )
+    found = make_diagnosis()
+    made = found._replace(terms=(term,), logs=("log.npz",), repairs=((),))
+    monkeypatch.setattr(sys.modules["ftbias_jax.diagnosis.diagnose"], "diagnose", lambda *_, **__: made)
+    assert main(["diagnose", "log.npz", "--setup", "setup.toml", "--apply", "-o", "fixed.toml"]) == 0
+    assert "not applied: what changes slowly with the time of a log" in capsys.readouterr().err
+    assert set(tomllib.loads((folder / "fixed.toml").read_text())["effects"]) == {"time_delay", "tool_mass"}
 
 
 def test_a_setup_that_predicts_worse_is_written_by_force_alone(folder, calls, monkeypatch, capsys):

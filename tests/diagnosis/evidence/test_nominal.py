@@ -29,12 +29,16 @@ def problem(known=None, theta=None):
         ("gravity_tilt", {"gravity": [0.0, 0.0, -9.81]}),
         ("gain", {}),
         ("contact", {}),
+        ("cable", {}),
         ("an effect that is not in it", {}),
     ],
 )
 def test_what_the_setup_states_stands_beside_what_was_found(make_candidate, effect, nominal):
-    of_events = {"contact": {"start": [1.0], "end": [2.0], "force": [[0.0, 0.0, 5.0]]}}
-    parameters = of_events.get(effect, nominal or {"gain": [1.02] * 6})
+    of_others = {
+        "contact": {"start": [1.0], "end": [2.0], "force": [[0.0, 0.0, 5.0]]},
+        "cable": {"stiffness": 20.0, "link": 5.0, "attachment": [0.0, 0.0, 0.1]},  # their defaults are nobody's word
+    }
+    parameters = of_others.get(effect, nominal or {"gain": [1.02] * 6})
     found = with_nominal(problem(), make_candidate(effect, parameters=parameters)).nominal
     assert found.keys() == nominal.keys()
     for name, value in nominal.items():

@@ -1,15 +1,17 @@
 """Rules by which terms are refused, on synthetic motions."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from made_states import still_state
 from scipy.spatial.transform import Rotation
 
+from ftbias_jax.diagnosis.terms import select
 from ftbias_jax.diagnosis.terms.fit_terms import Solved
 from ftbias_jax.diagnosis.terms.grid import make_term
-from ftbias_jax.diagnosis.terms.select import _merit, _order, cancels, is_gain_too, is_lifted
+from ftbias_jax.diagnosis.terms.select import Search, _merit, _order, cancels, is_gain_too, is_lifted
 from ftbias_jax.model.effects.terms.columns import count_columns
 
 
@@ -48,6 +50,32 @@ def test_of_a_wave_and_a_line_that_do_the_same_the_line_comes_first(ahead, first
         for merit, form in ((1e4 + ahead, ("time", "wave")), (1e4, ("frequency", "line")))
     )
     assert sorted([wave, line], key=_order)[0][1].terms[0].drive == first
+
+
+@pytest.mark.parametrize(
+    ("drive", "form", "share", "told"),
+    [
+        ("time", "wave", 0.5, False),
+        ("time", "wave", 3.0, True),
+        ("frequency", "line", 0.5, False),
+        ("velocity", "linear", 0.5, True),
+    ],
+)
+def test_a_wave_of_the_bias_is_told_only_if_it_is_a_share_of_all_that_was_missing(
+    monkeypatch, drive, form, share, told
+):
+    """Beside a found cause the rest is small, and the filter's bias follows what changes slowly in it."""
+    search = object.__new__(Search)
+    search.problem, search.base = SimpleNamespace(), "with the cause"
+    step = SimpleNamespace(share=share, described=SimpleNamespace(terms=(make_term(drive, form, "sensor", "wrench"),)))
+    of_fit = {"nothing": 1.0, "with the cause": 0.1}
+    monkeypatch.setattr(select, "fit_of_nothing", lambda problem: "nothing")
+    monkeypatch.setattr(select, "enough", lambda problem, fit: of_fit[fit])
+    monkeypatch.setattr(select, "least_beside_joints", lambda problem: 0.0)
+    monkeypatch.setattr(select, "gap_of", lambda problem, fit: 0.0)
+    monkeypatch.setattr(Search, "_step", lambda *_: step)
+    step.described.fit = None
+    assert len(search.grow(None, [None])) == told
 
 
 @pytest.mark.parametrize(("fast", "same"), [(0.0, True), (20.0, False)])
