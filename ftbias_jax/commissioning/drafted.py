@@ -79,4 +79,7 @@ def as_uncertain(found: Setup, beside: Mapping[str, Array]) -> Setup:
     """A setup whose tool has standard errors no smaller than those fitted beside its causes, by keys of [tool]."""
     errors = larger({key: getattr(found.tool, f"{key}_std") for key in beside}, beside)
     plain: dict[str, Any] = {f"{key}_std": std if std.ndim else float(std) for key, std in errors.items()}
-    return replace(found, tool=replace(found.tool, **plain))
+    numbers = {f"tool.{key}": " ".join(f"{x:.2g}" for x in np.ravel(std)) for key, std in errors.items()}
+    own = {key: f"identified ± {words}" for key, words in numbers.items() if "±" in found.comments.get(key, "")}
+    comments = {**found.comments, **own}
+    return replace(found, tool=replace(found.tool, **plain), comments=comments)

@@ -14,7 +14,7 @@ from ftbias_jax.cli.commands.demo import SETUP
 from ftbias_jax.commissioning import calibrate as module
 from ftbias_jax.commissioning import repeat, state
 from ftbias_jax.commissioning.calibrate import calibrate
-from ftbias_jax.commissioning.drafted import loosened, with_loose_tool
+from ftbias_jax.commissioning.drafted import as_uncertain, loosened, with_loose_tool
 from ftbias_jax.commissioning.judged import CONSTANT, HELD_TARE
 from ftbias_jax.commissioning.result import CALIBRATED, GIVEN
 from ftbias_jax.errors import LogError, UsageError
@@ -175,6 +175,12 @@ def test_a_tool_is_as_uncertain_as_the_causes_beside_it(faked):
     assert "tool: 2.00 ± 0.30 kg" in [step.name for step in found.steps]
     assert found.setup.tool.mass_std == 0.3
     np.testing.assert_array_equal(found.setup.tool.center_of_mass_std, [1e-3, 0.02, 0.03])
+
+
+def test_the_comment_of_a_value_has_the_standard_error_that_the_setup_states():
+    tool = replace(TRUE.tool, mass_std=0.1)
+    found = as_uncertain(replace(TRUE, tool=tool, comments={"tool.mass": "identified ± 0.1"}), {"mass": np.array(0.2)})
+    assert (found.tool.mass_std, found.comments["tool.mass"]) == (0.2, "identified ± 0.2")
 
 
 def test_what_cannot_be_tried_is_told_with_its_reason(faked):
