@@ -28,6 +28,8 @@ QUARTZ = 500.0
 """ppm; clocks of computers differ by less, a sensor that counts its own samples may be off by more."""
 TOGETHER = 5.0
 """Sampling intervals within which streams begin if they were recorded together."""
+ROUNDED = 0.05
+"""Share of a sampling interval from which rounding of stamps is told."""
 EXACT = 2**53
 """Integers up to here are exact as floating-point numbers."""
 
@@ -189,6 +191,7 @@ def put_in_order(
     Repairs call the samples ``samples``; messages name ``file`` and ``field`` as the source of the stamps.
     """
     t, columns, astray = _without_astray(as_stamps(t, file=file, field=field), columns, samples, file, field)
+    astray = (*astray, *_single_precision(t))
     if (t[1:] > t[:-1]).all():
         return Ordered(t, columns, astray)
     back = np.flatnonzero(t <= np.maximum.accumulate(t) - (JUMP if t.dtype.kind == "i" else JUMP / SECOND))
@@ -200,6 +203,20 @@ def put_in_order(
         raise LogError(message, file=file, field=field, remedy=remedy)
     ordered = tidy(t, {name: one_a_stamp(values, len(t), name, file) for name, values in columns.items()}, samples)
     return ordered._replace(repairs=(*astray, *ordered.repairs))
+
+
+def _single_precision(t: Array) -> Repairs:
+    """Remark on floating-point stamps (T,) in s that were stored in single precision, if they are rounded coarsely."""
+    if t.dtype.kind != "f" or len(t) < 2 or (t != t.astype(np.float32)).any():
+        return ()
+    step, interval = float(np.spacing(np.float32(np.abs(t).max()))), float(np.ptp(t)) / (len(t) - 1)
+    if step < ROUNDED * interval:
+        return ()
+    what = (
+        f"the stamps are single-precision numbers, rounded to {1e3 * step:.2g} ms with {1e3 * interval:.2g} ms between"
+    )
+    why = "delays, jitter and lost samples that are found may be that alone"
+    return (Repair(f"{what} samples: {why}; store double precision, or seconds since the start", lost=True),)
 
 
 def _without_astray(

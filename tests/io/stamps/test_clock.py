@@ -96,3 +96,13 @@ def test_the_ends_of_streams_that_began_together_tell_of_a_clock():
     assert "wrench_rate = 1950 ± 100 (ppm)" in longer_in_words(joints, fast)
     for other in (fast / 1.002, fast + 3.0, fast[: len(fast) // 2], fast[:1]):
         assert longer_in_words(joints, other) == ""
+
+
+@pytest.mark.parametrize(("start", "rate", "told"), [(86400.0, 100.0, True), (0.0, 1000.0, False), (1e9, 100.0, True)])
+def test_stamps_of_single_precision_are_told_where_they_are_coarse(start, rate, told):
+    """At the end of a day they are 8 ms apart; what they do to the intervals looks like jitter."""
+    t = start + np.arange(2000) / rate
+    rounded = t.astype(np.float32).astype(float)
+    remarks = [repair.what for repair in put_in_order(rounded, {"q": np.zeros((2000, 2))}).repairs]
+    assert any("single-precision" in what for what in remarks) == told
+    assert not any("single" in repair.what for repair in put_in_order(t + 1e-4, {}).repairs)
