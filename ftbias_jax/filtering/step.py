@@ -96,6 +96,9 @@ def step(params: Params, state: State, sample: Sample, options: Options = DEFAUL
 
     Returns:
         the state after the sample, and its innovations and likelihood.
+
+    Raises:
+        SetupError: the setup states effects, which act on whole logs.
     """
     if params.effects is not None:
         remedy = "filter whole logs (pipeline.run, filter_log), or leave them out; ftbias export writes a mended robot"

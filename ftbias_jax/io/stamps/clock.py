@@ -212,11 +212,9 @@ def _single_precision(t: Array) -> Repairs:
     step, interval = float(np.spacing(np.float32(np.abs(t).max()))), float(np.ptp(t)) / (len(t) - 1)
     if step < ROUNDED * interval:
         return ()
-    what = (
-        f"the stamps are single-precision numbers, rounded to {1e3 * step:.2g} ms with {1e3 * interval:.2g} ms between"
-    )
-    why = "delays, jitter and lost samples that are found may be that alone"
-    return (Repair(f"{what} samples: {why}; store double precision, or seconds since the start", lost=True),)
+    what = f"the stamps are single-precision numbers, rounded to {1e3 * step:.2g} ms"
+    why = f"samples are {1e3 * interval:.2g} ms apart, and delays, jitter and lost samples may be that alone"
+    return (Repair(f"{what}: {why}; store double precision, or seconds since the start", lost=True),)
 
 
 def _without_astray(
