@@ -45,17 +45,17 @@ CALMER = 1.5
 """Ratio by which the free part of a log must be calmer if the calmest level is to replace the first one."""
 HARDLY = 0.2
 """Share of the blocks in contact that may exceed the threshold by less than twice: contact is far from free motion."""
-SUDDEN = 0.6
-"""Share of the usual departure by which contact begins within LONGEST_ONSET blocks; errors that follow the arm's
-motion take longer."""
-LONGEST_ONSET = 3
-FEWEST, TINY = 3, 1e-12
+SUDDEN, LONGEST_ONSET = 0.6, 3
+"""Share of the usual departure by which contact begins, and number of blocks within which it does; errors that follow
+the arm's motion take longer."""
+FEWEST = 3
 """Number of contacts after each of which the reading must have returned to the same level."""
 EVEN = 0.3, 0.7
 """Shares of a log in contact between which calm and contact may be confused, if neither is calmer than the other."""
 AS_CALM, MUCH_CALMER = 2.0, 0.5
 """Spread in contact relative to that of free motion: below the first they may be confused, below the second they
 probably are."""
+TINY = 1e-12
 
 
 class Contact(NamedTuple):
@@ -97,23 +97,25 @@ def find_contacts(blocks: Blocks, layout: Layout, slow: Float[Array, " 6"]) -> C
     rows = jax.lax.dynamic_slice(blocks.mean, (measured, 0), (min(FIRST, len(blocks.mean)), 6))
     first_level = jnp.nan_to_num(nan_median(rows))
     calm, usual = calmest_level(blocks, layout), mean_std(blocks, layout)
+    pairs = (first_level, calm.level), (usual, jnp.zeros_like(usual) + calm.noise[None]), (slow, calm.spread)
+    # The calmest level is one to which the bias returns again and again, so it does not jump meanwhile.
     settled_after = jnp.asarray([round(SETTLED / layout.seconds), len(blocks.t)])
-    given = (first_level, calm.level), (usual, jnp.zeros_like(usual) + calm.noise[None]), (slow, calm.spread)
-    level, sigma, slow = (jnp.stack(pair) for pair in given)
-    both = jax.vmap(partial(_contacts_from, blocks, layout))(level, sigma, slow, settled_after)
+    levels, sigmas, slow_stds = (jnp.stack(pair) for pair in pairs)
+    both = jax.vmap(partial(_contacts_from, blocks, layout))(levels, sigmas, slow_stds, settled_after)
     (found, _), (of_calmest, begin) = (jax.tree.map(lambda x, k=k: x[k], both) for k in (0, 1))
-    too_many = _share(blocks, found) > MOST
-    clear = _is_clear(blocks, of_calmest, begin) & jnp.where(
-        too_many,
-        _spread_ratio(blocks, layout, of_calmest) > AS_CALM,
-        _spread(blocks, layout, ~of_calmest.near) * CALMER < _spread(blocks, layout, ~found.near),
-    )
+    share, alike = _share(blocks, found), _spreads(blocks, layout, both[0])
+    (free, touched), (free_of_calmest, touched_of_calmest) = alike
+    too_many = share > MOST
+    calmer = jnp.where(too_many, touched_of_calmest > AS_CALM * free_of_calmest, free_of_calmest * CALMER < free)
+    clear = calmer & _is_clear(blocks, of_calmest, begin)
     found, dropped = jax.tree.map(lambda x, y: jnp.where(clear, y, x), found, of_calmest), too_many & ~clear
-    departure = nan_median(jnp.where(found.inside[:, None], jnp.abs(found.departure), jnp.nan))
+    free, touched = jnp.where(clear, alike[1], alike[0])
+    doubtful = dropped | _is_doubtful(blocks, found, touched / jnp.maximum(free, TINY))
+    departure = jnp.where(found.inside[:, None], jnp.abs(found.departure), 0).sum(0)
     return found._replace(
         first=jnp.where(dropped, -1, found.first),
         inside=found.inside & ~dropped,
-        undecided=jnp.where(dropped | _is_doubtful(blocks, layout, found), jnp.nan_to_num(departure), 0.0),
+        undecided=jnp.where(doubtful, departure / jnp.maximum(found.inside.sum(), 1), 0.0),
     )
 
 
@@ -177,15 +179,15 @@ def _share(blocks: Blocks, found: Contacts) -> Array:
     return total / jnp.maximum(blocks.t[blocks.number - 1] - blocks.t[0], TINY)
 
 
-def _spread(blocks: Blocks, layout: Layout, taken: Bool[Array, " N"]) -> Array:
-    """N: slow variation of the force in the blocks that are taken."""
-    only = blocks._replace(mean=jnp.where(taken[:, None], blocks.mean, jnp.nan))
-    return jnp.sqrt((slow_std(only, layout)[:3] ** 2).sum())
+def _spreads(blocks: Blocks, layout: Layout, both: Contacts) -> Float[Array, "2 2"]:
+    """Slow variation of the force in N, of each of two ways to see contact: in its free motion, and in its contact."""
 
+    def spread(taken: Array) -> Array:
+        only = blocks._replace(mean=jnp.where(taken[:, None], blocks.mean, jnp.nan))
+        return jnp.sqrt((slow_std(only, layout)[:3] ** 2).sum())
 
-def _spread_ratio(blocks: Blocks, layout: Layout, found: Contacts) -> Array:
-    """Spread of the force in contact relative to that in free motion."""
-    return _spread(blocks, layout, found.inside) / jnp.maximum(_spread(blocks, layout, ~found.near), TINY)
+    near = jax.vmap(lambda found: found.near)(both)
+    return jax.vmap(jax.vmap(spread))(jnp.stack([~near, both.inside], 1))
 
 
 def _is_clear(blocks: Blocks, found: Contacts, begin: Array) -> Bool[Array, ""]:
@@ -197,7 +199,7 @@ def _is_clear(blocks: Blocks, found: Contacts, begin: Array) -> Bool[Array, ""]:
     size = jnp.sqrt((departure**2).sum() / number)
     begins = found.inside & ~jnp.pad(found.inside, (1, 0))[:-1]
     rise = jnp.sqrt((_change(blocks.mean[:, :3], LONGEST_ONSET) ** 2).sum(1))
-    sudden = nan_median(jnp.where(begins, rise, jnp.nan)) > SUDDEN * size
+    sudden = jnp.where(begins, rise, 0).sum() > SUDDEN * size * begins.sum()
     often = (found.first >= 0).sum() >= FEWEST
     return (share > MUCH) & (share < MOST_OF_CALMEST) & (hardly < HARDLY) & sudden & often
 
@@ -208,9 +210,9 @@ def _change(x: Array, lag: int) -> Array:
     return jnp.nan_to_num(jnp.pad(changed, ((0, len(x) - len(changed)), (0, 0))))
 
 
-def _is_doubtful(blocks: Blocks, layout: Layout, found: Contacts) -> Bool[Array, ""]:
-    """Whether the free part of a log may as well be the contact."""
-    share, ratio = _share(blocks, found), _spread_ratio(blocks, layout, found)
+def _is_doubtful(blocks: Blocks, found: Contacts, ratio: Array) -> Bool[Array, ""]:
+    """Whether the free part of a log may as well be the contact, whose spread has this ratio to its own."""
+    share = _share(blocks, found)
     alike = (share > EVEN[0]) & (share < EVEN[1]) & (ratio < AS_CALM)
     return ((found.first >= 0).sum() >= FEWEST) & (alike | ((share > EVEN[0] / 2) & (ratio < MUCH_CALMER)))
 

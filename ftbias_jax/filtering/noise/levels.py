@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from ftbias_jax.filtering.noise.blocks import Blocks, Layout, nan_median
+from ftbias_jax.runtime.compiled_loops import running_sum
 from ftbias_jax.types import Array
 
 FOLLOW = 0.5
@@ -24,10 +25,10 @@ LEAST_CALM = 0.1
 """Share of a log that must lie close together for ``calmest_level`` to take it for free."""
 SEARCHED = 60.0
 """s at the start of a log in which ``calmest_level`` searches; the bias may drift away later."""
-TRIED = 48
-"""Number of blocks that are tried as the calmest level."""
-EARLIEST = 10
-"""Number of blocks, the first ones of those that lie close together, whose median is the level."""
+EXAMINED, TRIED = 300, 48
+"""Numbers of evenly spaced blocks that are compared, and that are tried as the level; at most twice as many."""
+EARLIEST = 5
+"""Number of blocks, the first ones of those that lie close together, whose mean is the level."""
 NEAREST = 2.0
 """Ratio of the spread of a level to that of the nearest LEAST_CALM of a log, which have been selected for nearness."""
 
@@ -36,7 +37,7 @@ class Calm(NamedTuple):
     """The level to which a measured bias returns most exactly, (6,) N, Nm each."""
 
     level: Float[Array, " 6"]
-    """Median of the first blocks about it."""
+    """Mean of the first blocks about it."""
     spread: Float[Array, " 6"]
     """Standard deviation of the blocks about it; 0 if the log has none."""
     noise: Float[Array, " 6"]
@@ -49,23 +50,29 @@ def calmest_level(blocks: Blocks, layout: Layout) -> Calm:
     The bias returns to one level whenever nothing touches the tool; forces of contact vary, and no two are the same.
     """
     room = min(len(blocks.t), round(SEARCHED / layout.seconds))
-    number = jnp.minimum(blocks.number, room)
-    mean, white = blocks.mean[:room], white_std(blocks)[:room]
-    seen = jnp.isfinite(mean).any(1) & (jnp.arange(room) < number)
-    force = mean[:, :3] / nan_median(jnp.where(seen[:, None], white, jnp.nan))[None, :3]
-    tried = force[jnp.arange(TRIED) * number // TRIED]
-    distance = jnp.nanmax(jnp.abs(force[None] - tried[:, None]), axis=2, initial=0)  # (TRIED, room)
-    distance = jnp.where(seen[None] & jnp.isfinite(tried).any(1)[:, None], distance, jnp.inf)
+    every = slice(0, room, max(1, room // EXAMINED))
+    index, mean, white = jnp.arange(len(blocks.t))[every], blocks.mean[every], white_std(blocks)[every]
+    seen = (index < blocks.number) & jnp.isfinite(mean).any(1)
+    usual = jnp.where(seen[:, None], white, 0).sum(0) / jnp.maximum(seen.sum(), 1)
+    force = mean[:, :3] / jnp.where(jnp.isfinite(usual) & (usual > 0), usual, 1)[None, :3]
+    tried = slice(0, None, max(1, len(index) // TRIED))
+    apart = jnp.abs(force[None] - force[tried][:, None])
+    distance = jnp.where(jnp.isnan(apart), 0, apart).max(2)  # (tried, blocks)
+    distance = jnp.where(seen[None] & seen[tried][:, None], distance, jnp.inf)
     count = jnp.maximum(jnp.round(LEAST_CALM * seen.sum()).astype(int), 1)
     radius = jnp.sort(distance, axis=1)[:, count - 1]
     calmest = radius.argmin()
-    is_near = (distance[calmest] <= radius[calmest])[:, None] & seen[:, None]
-    near, noise = jnp.where(is_near, mean, jnp.nan), jnp.where(is_near, white, jnp.nan)
-    square = jnp.nansum((near - nan_median(near)[None]) ** 2, axis=0) / jnp.maximum(jnp.isfinite(near).sum(0), 1)
+    near = seen & (distance[calmest] <= radius[calmest])
     # The bias may have drifted between the start of the log and most of these blocks.
-    earliest = jnp.argsort(~is_near[:, 0], stable=True)[:EARLIEST]
-    level = nan_median(near[earliest])
-    return Calm(jnp.nan_to_num(level), NEAREST * jnp.sqrt(square), jnp.nan_to_num(nan_median(noise), nan=jnp.inf))
+    earliest = near & (running_sum(near.astype(int)) <= EARLIEST)
+    middle = jnp.nan_to_num(mean[tried][calmest])
+    x = mean - middle[None]
+    table = jnp.where(jnp.isfinite(x), jnp.stack([jnp.ones_like(x), x, x**2, white]), 0)
+    number, first, square, noise = jnp.einsum("sb,kba->ksa", jnp.stack([near, earliest]).astype(x.dtype), table)
+    counts = jnp.maximum(number, 1)
+    spread = jnp.sqrt(jnp.maximum(square[0] / counts[0] - (first[0] / counts[0]) ** 2, 0))
+    level = middle + first[1] / counts[1]
+    return Calm(level, NEAREST * spread, jnp.where(number[0] > 0, noise[0] / counts[0], jnp.inf))
 
 
 def mean_std(blocks: Blocks, layout: Layout) -> Float[Array, "N 6"]:

@@ -46,9 +46,10 @@ def with_tool_as_seen(blocks: Blocks, layout: Layout) -> Blocks:
     factors = jax.vmap(lambda tool, bias: _relative_error(tool, bias, every, blocks.t, layout))(*force_and_torque)
     as_seen = blocks._replace(mean=blocks.mean + jnp.repeat(factors, 3)[None] * blocks.tool)
     # Long contact may follow the tool's force by chance; a tool that is truly another one makes no calm part less calm.
-    spread = (jnp.sqrt((calmest_level(x, layout).spread[:3] ** 2).sum()) for x in (blocks, as_seen))
-    is_calmer = next(spread) < CALMER * next(spread)
-    return blocks._replace(mean=jnp.where(is_calmer, blocks.mean, as_seen.mean))
+    means = jnp.stack([blocks.mean, as_seen.mean])
+    spreads = jax.vmap(lambda mean: calmest_level(blocks._replace(mean=mean), layout).spread[:3])(means)
+    stated, seen = jnp.sqrt((spreads**2).sum(1))
+    return blocks._replace(mean=jnp.where(stated < CALMER * seen, blocks.mean, as_seen.mean))
 
 
 def _relative_error(
