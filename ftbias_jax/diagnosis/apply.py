@@ -19,16 +19,15 @@ def setup_with_causes(diagnosis: Diagnosis, setup: Setup) -> Setup:
     """Setup with the causes added to its effects, replacing equal ones, and the terms appended to those it has.
 
     Causes and terms whose values no setup can state are left out (``refused``), and so are changes with time, which the
-    bias follows (``left_to_bias``). Bound to ``Diagnosis.apply``.
+    bias follows (``is_left_to_bias``). Bound to ``Diagnosis.apply``.
     """
-    setup, slow = setup.with_effects(diagnosis.own_effects), left_to_bias(diagnosis.terms)
-    terms = [term for term in diagnosis.terms if term not in slow]
-    return with_causes(setup, diagnosis.causes, terms, diagnosis.model_stderr)
+    terms = [term for term in diagnosis.terms if not is_left_to_bias(term)]
+    return with_causes(setup.with_effects(diagnosis.own_effects), diagnosis.causes, terms, diagnosis.model_stderr)
 
 
-def left_to_bias(terms: Sequence[FoundTerm]) -> list[FoundTerm]:
-    """Terms that change slowly with the time of a log: in a longer one they would grow without bound."""
-    return [term for term in terms if term.drive == "time"]
+def is_left_to_bias(term: FoundTerm) -> bool:
+    """Whether a term changes with the time of a log: in a longer one it would grow without bound."""
+    return term.drive == "time"
 
 
 def with_causes(

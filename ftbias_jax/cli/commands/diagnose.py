@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
             start_jax()
             from ftbias_jax.commissioning.events import without_events
             from ftbias_jax.commissioning.judged import objection
-            from ftbias_jax.diagnosis.apply import left_to_bias, refused, some_applied
+            from ftbias_jax.diagnosis.apply import is_left_to_bias, refused, some_applied
             from ftbias_jax.diagnosis.diagnose import diagnose
 
         setup = _with_effects(arguments, setup)
@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     if events := without_events(fixed, setup)[1]:
         only = "has times of these logs, so that this setup fits no others (ftbias calibrate leaves them out)"
         print(f"ftbias: {arguments.output}: {', '.join(events)} {only}", file=sys.stderr)
-    if output and left_to_bias(diagnosis.terms):
+    if output and any(map(is_left_to_bias, diagnosis.terms)):
         why = "what changes slowly with the time of a log is no property of the robot, and the filter's bias follows it"
         print(f"ftbias: not applied: {why}", file=sys.stderr)
     for why in not_stated:

@@ -19,7 +19,7 @@ from ftbias_jax.diagnosis.terms.dictionary import Dictionary, Ranked, make_dicti
 from ftbias_jax.diagnosis.terms.fit_terms import Described, Solved, fit_terms, improve
 from ftbias_jax.diagnosis.terms.grid import free_names, make_grid, terms_from_residual
 from ftbias_jax.model.effects.terms.columns import added, columns, has_point, state_of
-from ftbias_jax.model.effects.terms.parse import BY_CLOCK
+from ftbias_jax.model.effects.terms.parse import goes_by_clock, section_of
 from ftbias_jax.model.effects.terms.types import State, Term
 
 STARTS = {"attraction": 5, "barrier": 2, "surface": 2, "local": 3}
@@ -111,7 +111,9 @@ class Search:
             found = self.best(now) if steps else first
             tried = (self._step(start, now, chosen, found, place) for place in range(min(2, len(found))))
             step = next(filter(None, tried), None)
-            if step is None or step.share <= (of_clock if by_clock(step.described.terms[-1]) else least):
+            if step is None:
+                break
+            if step.share <= (of_clock if goes_by_clock(section_of(step.described.terms[-1])) else least):
                 break
             steps.append(step)
             now = step.described.fit
@@ -189,11 +191,6 @@ def is_gain_too(term: Term, state: State, noise_std: np.ndarray) -> bool:
         sided = np.stack([np.ones_like(of_channel), np.maximum(of_channel, 0), np.minimum(of_channel, 0)], 1)
         left += float(((change - sided @ np.linalg.lstsq(sided, change, rcond=None)[0]) ** 2).sum())
     return left < (1 - thresholds.CLOSE) * len(made) * float(made.var(0).sum())
-
-
-def by_clock(term: Term) -> bool:
-    """Whether a term depends on the time since the first sample of its log."""
-    return term.drive in BY_CLOCK or "time" in term.parameters
 
 
 def numbers_of(term: Term) -> int:

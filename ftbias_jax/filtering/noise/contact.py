@@ -103,14 +103,15 @@ def find_contacts(blocks: Blocks, layout: Layout, slow: Float[Array, " 6"]) -> C
     levels, sigmas, slow_stds = (jnp.stack(pair) for pair in pairs)
     both = jax.vmap(partial(_contacts_from, blocks, layout))(levels, sigmas, slow_stds, settled_after)
     (found, _), (of_calmest, begin) = (jax.tree.map(lambda x, k=k: x[k], both) for k in (0, 1))
-    share, alike = _share(blocks, found), _spreads(blocks, layout, both[0])
-    (free, touched), (free_of_calmest, touched_of_calmest) = alike
-    too_many = share > MOST
+    shares, spreads = jax.vmap(partial(_share, blocks))(both[0]), _spreads(blocks, layout, both[0])
+    (free, _), (free_of_calmest, touched_of_calmest) = spreads
+    too_many = shares[0] > MOST
     calmer = jnp.where(too_many, touched_of_calmest > AS_CALM * free_of_calmest, free_of_calmest * CALMER < free)
-    clear = calmer & _is_clear(blocks, of_calmest, begin)
+    clear = calmer & _is_clear(blocks, of_calmest, begin, shares[1])
     found, dropped = jax.tree.map(lambda x, y: jnp.where(clear, y, x), found, of_calmest), too_many & ~clear
-    free, touched = jnp.where(clear, alike[1], alike[0])
-    doubtful = dropped | _is_doubtful(blocks, found, touched / jnp.maximum(free, TINY))
+    free, touched = jnp.where(clear, spreads[1], spreads[0])
+    share = jnp.where(clear, shares[1], shares[0])
+    doubtful = dropped | _is_doubtful(found, share, touched / jnp.maximum(free, TINY))
     departure = jnp.where(found.inside[:, None], jnp.abs(found.departure), 0).sum(0)
     return found._replace(
         first=jnp.where(dropped, -1, found.first),
@@ -190,9 +191,8 @@ def _spreads(blocks: Blocks, layout: Layout, both: Contacts) -> Float[Array, "2 
     return jax.vmap(jax.vmap(spread))(jnp.stack([~near, both.inside], 1))
 
 
-def _is_clear(blocks: Blocks, found: Contacts, begin: Array) -> Bool[Array, ""]:
-    """Whether a log is clearly in two parts, with sudden changes from one to the other."""
-    share = _share(blocks, found)
+def _is_clear(blocks: Blocks, found: Contacts, begin: Array, share: Array) -> Bool[Array, ""]:
+    """Whether a log, of which this share is in contact, is clearly in two parts with sudden changes between them."""
     departure = jnp.where(found.inside[:, None], jnp.abs(found.departure), 0)[:, :3]
     number = jnp.maximum(found.inside.sum(), 1)
     hardly = (found.inside & (departure < 2 * begin[:, :3]).all(1)).sum() / number
@@ -210,9 +210,8 @@ def _change(x: Array, lag: int) -> Array:
     return jnp.nan_to_num(jnp.pad(changed, ((0, len(x) - len(changed)), (0, 0))))
 
 
-def _is_doubtful(blocks: Blocks, found: Contacts, ratio: Array) -> Bool[Array, ""]:
-    """Whether the free part of a log may as well be the contact, whose spread has this ratio to its own."""
-    share = _share(blocks, found)
+def _is_doubtful(found: Contacts, share: Array, ratio: Array) -> Bool[Array, ""]:
+    """Whether the free part of a log may as well be the contact, which has this share of it and ratio of spreads."""
     alike = (share > EVEN[0]) & (share < EVEN[1]) & (ratio < AS_CALM)
     return ((found.first >= 0).sum() >= FEWEST) & (alike | ((share > EVEN[0] / 2) & (ratio < MUCH_CALMER)))
 
